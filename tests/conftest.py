@@ -46,8 +46,6 @@ class _Streams:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "mpi: also run under mpirun, on every rank")
-    config.addinivalue_line("markers", "long: takes more than about 20 seconds; not part of `make test`")
     for name in (None, "UFL", "FFCX", "UFL_LEGACY"):  # they announce each compilation
         logging.getLogger(name).setLevel(logging.WARNING)
 

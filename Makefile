@@ -1,0 +1,61 @@
+# make run      a scattered cube recovers its shape on two ranks; results in results/scattered_cube
+# make test     linters, then the tests serially and on 2 and 3 ranks
+# make test-long, bench, lint, docs, clean
+# `run` and `test` first install what is missing (setup.sh). Another scene: make run SCENE=app/scenes/twist.toml RANKS=4
+
+SCENE ?= app/scenes/scattered_cube.toml
+RANKS ?= 2
+RESULTS ?= results/$(basename $(notdir $(SCENE)))
+
+python := .venv/bin/python
+export OMP_NUM_THREADS ?= 1
+# Open MPI refuses to start as root (in a container, say) unless told twice
+ifeq ($(shell id -u),0)
+export OMPI_ALLOW_RUN_AS_ROOT := 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+endif
+mpirun := mpirun --oversubscribe
+pytest := $(python) -m pytest
+parallel_pytest := $(python) -m pytest -p no:cacheprovider --color=no
+
+.PHONY: run test test-long test-hard bench lint docs clean setup setup-dev
+.DEFAULT_GOAL := run
+
+run: setup
+	rm -rf $(RESULTS)
+	$(mpirun) -n $(RANKS) .venv/bin/extremal elastic $(SCENE) -o $(RESULTS)
+
+test: lint
+	$(pytest) -m "not long"
+	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and not long"
+	$(mpirun) -n 3 $(parallel_pytest) -m "mpi and not long"
+
+test-long test-hard: setup-dev
+	$(pytest) -m long
+	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and long"
+
+bench: setup
+	$(python) -m extremal.app study speed
+
+# mypy wants the packages where their import names say: a folder of links does it
+lint: setup-dev
+	$(python) -m ruff check .
+	@mkdir -p build/lint/extremal
+	@ln -sfn ../../../app build/lint/extremal/app
+	@ln -sfn ../../../meshes build/lint/extremal/meshes
+	@ln -sfn ../../../forms build/lint/extremal/forms
+	MYPYPATH=build/lint $(python) -m mypy -p extremal.app -p extremal.meshes -p extremal.forms
+
+docs: setup
+	./setup.sh docs
+	$(python) -m pdoc -o build/docs --docformat numpy extremal.app extremal.meshes extremal.forms
+	@echo "API reference: build/docs/index.html; the guide is docs/README.md"
+
+clean:
+	rm -rf build results .venv *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+setup:
+	@./setup.sh
+setup-dev:
+	@./setup.sh dev
