@@ -1,0 +1,402 @@
+"""The tables of a scene for `extremal elastic`: every key, its unit, its default and what it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr
+
+from .errors import suggestion
+from .material_scene import Material, MaterialKeys, merged
+from .scene_fields import (
+    Boolean,
+    Condition,
+    FieldVector,
+    FreeVector,
+    Integer,
+    MovingQuantity,
+    MovingVector,
+    Names,
+    NotNegative,
+    Number,
+    NumberOrText,
+    Positive,
+    Problem,
+    Rotation,
+    Table,
+    Text,
+    Vector,
+    wrong,
+)
+
+Axis = Literal["x", "y", "z"]
+
+CELL_FIELDS = ("J", "smallest_stretch", "von_mises", "energy_density", "inverted", "region")
+POINT_FIELDS = ("displacement", "velocity")
+DIAGNOSTICS = (
+    "time", "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "smallest_stretch", "residual",
+    "newton_iterations", "krylov_iterations", "svd_skipped", "max_displacement",
+)  # fmt: skip
+
+
+class MeshSettings(Table):
+    """[mesh]: a named shape with its parameters, or a file."""
+
+    # A shape's own parameters (size, radius ...) are known to `meshes`, which names the nearest to a wrong one.
+    model_config = ConfigDict(frozen=True, extra="allow")
+
+    shape: Text | None = Field(None, description="name of a generated shape: box, bar, sphere ...")
+    file: Text | None = Field(None, description="mesh file, relative to the scene's folder")
+    cell_size: Positive | None = Field(None, description="target length of an edge [m]")
+    order: Literal[1, 2] = Field(1, description="1: straight cells, 2: curved cells with nodes on the edges")
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the shape given in the scene, cell_size and order among them."""
+        return {key: value for key, value in self.given().items() if key not in ("shape", "file")}
+
+    def given(self) -> dict[str, Any]:
+        """Return the keys the scene file gives."""
+        return super().given() | (self.model_extra or {})
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong between the keys."""
+        if self.shape is not None and self.file is not None:
+            yield ("file",), "given together with shape; leave one of them out"
+        if self.shape is None and self.file is None:
+            yield ("shape",), 'is missing; give a shape as shape = "box" or a mesh file as file = "body.msh"'
+        if self.file is not None:
+            if self.file.endswith((".geo", ".geo_unrolled")):
+                yield (
+                    ("file",),
+                    "gmsh scripts can run commands and are refused; give the mesh (.msh) made from it",
+                )
+            for key in self.model_extra or {}:
+                yield (
+                    (key,),
+                    "unknown key for a mesh file; " + suggestion(key, ("file", "cell_size", "order")),
+                )
+        elif self.shape is not None:
+            from .shapes import shape_problems
+
+            yield from shape_problems(self.shape, self.parameters)
+
+
+class ElementSettings(Table):
+    """[element]: the approximation of the displacement."""
+
+    degree: Literal[1, 2] = Field(1, description="degree of the displacement's polynomials")
+    volumetric: Literal["standard", "projected"] = Field(
+        "standard", description="projected: the volumetric term is averaged, against locking at ν near 0.5"
+    )
+
+
+class Place(Table):
+    """Where a condition acts."""
+
+    boundary: Names | None = Field(None, description="name or names of boundaries of the mesh")
+    where: Condition | None = Field(
+        None, description="nodes whose reference coordinates x, y, z [m] fulfil this comparison"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong about the place."""
+        if self.boundary is not None and self.where is not None:
+            yield ("where",), "given together with boundary; leave one of them out"
+        if self.boundary is None and self.where is None:
+            yield ("boundary",), 'is missing; give boundary = "name" or where = "z < 0.01"'
+
+
+class Fixed(Place):
+    """[[fixed]]: components of the displacement held at zero."""
+
+    components: tuple[Axis, ...] = Field(("x", "y", "z"), min_length=1, description="components held")
+
+
+class Keyframe(Table):
+    """One rigid placement of a moved boundary."""
+
+    time: NotNegative = Field(description="time [s] or load parameter")
+    translation: Vector | None = Field(None, description="translation [m]")
+    rotation: Rotation | None = Field(
+        None, description="rotation vector [rad]; in the plane one angle, or [0, 0, angle]"
+    )
+    center: Vector | None = Field(None, description="a point of the rotation's axis [m]; default: the origin")
+
+
+class Motion(Place):
+    """[[motion]]: prescribed displacement, by expressions or by keyframes between which it is interpolated."""
+
+    displacement: FreeVector | None = Field(
+        None,
+        description='displacement [m], expressions of x, y, z [m] and t [s]; "free" leaves a component free',
+    )
+    keyframes: tuple[Keyframe, ...] | None = Field(None, min_length=1, description="rigid placements in time")
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong about place and motion."""
+        yield from super().problems()
+        if self.displacement is not None and self.keyframes is not None:
+            yield ("keyframes",), "given together with displacement; leave one of them out"
+        if self.displacement is None and self.keyframes is None:
+            yield ("displacement",), "is missing; give displacement = [..] or keyframes = [..]"
+        if self.displacement is not None and all(entry is None for entry in self.displacement):
+            yield ("displacement",), "leaves every component free; prescribe one or leave the motion out"
+        frames = self.keyframes or ()
+        for i in range(1, len(frames)):
+            if frames[i].time <= frames[i - 1].time:
+                yield (
+                    ("keyframes", i, "time"),
+                    f"must be above the time of the keyframe before it, {frames[i - 1].time:g}",
+                )
+
+
+class Traction(Table):
+    """[[traction]]: force per reference area."""
+
+    boundary: Names = Field(description="name or names of boundaries of the mesh")
+    value: MovingVector = Field(description="force per reference area [Pa], expressions of x, y, z, t")
+
+
+class Pressure(Table):
+    """[[pressure]]: pressure which follows the deformed surface."""
+
+    boundary: Names = Field(description="name or names of boundaries of the mesh")
+    value: MovingQuantity = Field(
+        description="pressure on the deformed surface [Pa], expression of x, y, z, t"
+    )
+
+
+class Gravity(Table):
+    """[gravity]."""
+
+    acceleration: Vector = Field(description="acceleration [m/s2], as [0, 0, -9.81]")
+
+
+class Damping(Table):
+    """[damping]: Rayleigh damping."""
+
+    mass: NotNegative = Field(0.0, description="factor of the mass matrix [1/s]")
+    stiffness: NotNegative = Field(0.0, description="factor of the stiffness matrix [s]")
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield a table without effect."""
+        if self.mass == 0 and self.stiffness == 0:
+            yield ("mass",), "is missing; give mass [1/s] or stiffness [s] above 0, or leave [damping] out"
+
+
+STATE_KEYS = {
+    "rest": (),
+    "scatter": ("seed", "amplitude"),
+    "collapse": ("seed", "to", "noise", "axis"),
+    "mirror": ("axis",),
+}
+
+
+class Initial(Table):
+    """[initial]: where the nodes start."""
+
+    state: Literal["rest", "scatter", "collapse", "mirror"] = Field("rest", description="starting positions")
+    seed: Annotated[Integer, Field(ge=0)] = Field(0, description="seed of the random numbers")
+    amplitude: Positive = Field(
+        1.0, description="scatter: the bounding box grown by this factor is filled at random [1]"
+    )
+    to: Literal["point", "line", "plane"] = Field("point", description="collapse: onto what")
+    noise: NotNegative = Field(
+        0.0, description="collapse: random displacement relative to the body's size [1]"
+    )
+    axis: Axis = Field("x", description="mirror: direction reflected; line: its direction; plane: its normal")
+    velocity: FieldVector | None = Field(
+        None, description="starting velocity [m/s], expressions of x, y, z [m]; dynamic only"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield keys which the state does not use."""
+        for key in ("seed", "amplitude", "to", "noise", "axis"):
+            if key in self.model_fields_set and key not in STATE_KEYS[self.state]:
+                owners = " or ".join(f'"{state}"' for state, keys in STATE_KEYS.items() if key in keys)
+                yield (key,), f'belongs to state = {owners}, but state is "{self.state}"'
+        if self.state == "collapse" and self.to == "point" and "axis" in self.model_fields_set:
+            yield ("axis",), 'belongs to to = "line" or "plane", but to is "point"'
+
+
+class Analysis(Table):
+    """[analysis]: static load steps or motion in time."""
+
+    type: Literal["static", "dynamic"] = Field(
+        "static", description="static: load steps; dynamic: with inertia"
+    )
+    end_time: Positive = Field(1.0, description="time [s] (static: load parameter) at which the run ends")
+    time_step: Positive = Field(
+        default_factory=lambda data: data.get("end_time", 1.0), description="first step [s]; default end_time"
+    )
+    smallest_step: Positive = Field(
+        default_factory=lambda data: data.get("time_step", 1.0) / 1024,
+        description="step [s] below which a failing run gives up; default time_step/1024",
+    )
+    largest_step: Positive = Field(
+        default_factory=lambda data: data.get("end_time", 1.0),
+        description="steps never exceed this [s]; default end_time",
+    )
+    adaptive: Boolean = Field(
+        True, description="shorten a failed step and try again, lengthen after easy ones"
+    )
+    integrator: Literal["backward_euler", "bdf2", "midpoint", "newmark"] = Field(
+        "backward_euler", description="dynamic: time integration"
+    )
+    error_tolerance: Positive | None = Field(
+        None, description="dynamic: local error [m] up to which a step is accepted; default: no such control"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what is wrong between the steps."""
+        if self.time_step > self.end_time:
+            yield ("time_step",), f"must not be above end_time = {self.end_time:g}"
+        if self.smallest_step > self.time_step:
+            yield ("smallest_step",), f"must not be above time_step = {self.time_step:g}"
+        if self.largest_step < self.time_step:
+            yield ("largest_step",), f"must not be below time_step = {self.time_step:g}"
+        if self.type == "static":
+            for key in ("integrator", "error_tolerance"):
+                if key in self.model_fields_set:
+                    yield (key,), 'belongs to type = "dynamic", but type is "static"'
+        if not self.adaptive and self.error_tolerance is not None:
+            yield ("error_tolerance",), "needs adaptive = true"
+
+
+class Continuation(Table):
+    """[continuation]: solve easier problems first. This is ours, not the source's."""
+
+    poisson_ratio: tuple[Annotated[Number, Field(gt=-1, lt=0.5)], ...] = Field(
+        (), description="Poisson's ratios solved one after another before the material's own [1]"
+    )
+    threshold: tuple[Annotated[Number, Field(gt=0, lt=1)], ...] = Field(
+        (), description="thresholds of the extension solved one after another before the material's own [1]"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield a table without effect."""
+        if not self.poisson_ratio and not self.threshold:
+            yield (
+                ("poisson_ratio",),
+                "is missing; give stages as poisson_ratio = [0.3], or leave [continuation] out",
+            )
+
+
+class SolverSettings(Table):
+    """[solver]: when a step counts as solved; everything else is a PETSc option."""
+
+    tolerance: Annotated[Number, Field(gt=0, lt=1)] = Field(
+        1e-8, description="largest residual force relative to the problem's scale of force [1]"
+    )
+    iterations: Annotated[Integer, Field(ge=1)] = Field(150, description="most Newton iterations in a step")
+    tangent: Literal["projected", "exact"] = Field(
+        "projected",
+        description="projected: positive tangent while far from the solution; exact: never projected",
+    )
+
+
+class OutputSettings(Table):
+    """[output]: what is written, and how often."""
+
+    every: Positive | None = Field(None, description="time [s] between frames; default: every step")
+    iterations: Annotated[Integer, Field(ge=1)] | None = Field(
+        None, description="static: also a frame each so many solver iterations"
+    )
+    fields: tuple[Literal[CELL_FIELDS + POINT_FIELDS], ...] | None = Field(  # type: ignore[valid-type]
+        None, description="fields written; default: all"
+    )
+    checkpoint_every: Annotated[Integer, Field(ge=1)] = Field(10, description="steps between checkpoints")
+    summary: Boolean = Field(True, description="draw summary.png at the end")
+
+
+class Expectation(Table):
+    """One entry of [expect]: what a diagnostic must be at the end."""
+
+    value: NumberOrText | None = Field(None, description='expected value, for status a text as "finished"')
+    tolerance: NotNegative | None = Field(
+        None, description="accepted difference from value; default 1e-6 |value|"
+    )
+    below: Number | None = Field(None, description="the diagnostic must be below this")
+    above: Number | None = Field(None, description="the diagnostic must be above this")
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield an expectation without meaning."""
+        if self.value is None and self.below is None and self.above is None:
+            yield (), "must be a number, or say value, below or above, as { below = 1e-6 }"
+        if isinstance(self.value, str) and (self.below, self.above, self.tolerance) != (None, None, None):
+            yield ("value",), "must be a number where below, above or tolerance is given"
+        if self.tolerance is not None and self.value is None:
+            yield ("tolerance",), "needs a value"
+
+
+def _expectation(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise wrong("must be a number, or say value, below or above, as { below = 1e-6 }")
+    return {"value": value} if isinstance(value, int | float | str) else value
+
+
+def _petsc_value(value: Any) -> Any:
+    if not isinstance(value, bool | int | float | str):
+        raise wrong("must be text, a number, true or false")
+    return value
+
+
+PetscValue = Annotated[Any, BeforeValidator(_petsc_value)]
+
+
+class ElasticScene(Table):
+    """A scene for `extremal elastic`."""
+
+    title: Text = Field("", description="what the scene shows, in a line")
+    part: Literal["elastic"] = Field("elastic", description="which command runs it")
+    mesh: MeshSettings = Field(description="the body")
+    material: Material = Field(description="the material, everywhere unless a region overrides it")
+    regions: dict[str, MaterialKeys] = Field(default_factory=dict, description="materials of named regions")
+    element: ElementSettings = Field(default_factory=ElementSettings, description="approximation")
+    fixed: tuple[Fixed, ...] = Field((), description="held boundaries")
+    motion: tuple[Motion, ...] = Field((), description="moved boundaries")
+    traction: tuple[Traction, ...] = Field((), description="tractions")
+    pressure: tuple[Pressure, ...] = Field((), description="pressures")
+    gravity: Gravity | None = Field(None, description="gravity; absent: none")
+    damping: Damping | None = Field(None, description="damping; absent: none")
+    initial: Initial = Field(default_factory=Initial, description="start")
+    analysis: Analysis = Field(default_factory=Analysis, description="what is solved")
+    continuation: Continuation | None = Field(None, description="easier problems solved first; absent: none")
+    solver: SolverSettings = Field(default_factory=SolverSettings, description="solver")
+    petsc: dict[str, PetscValue] = Field(default_factory=dict, description="PETSc options, without the dash")
+    output: OutputSettings = Field(default_factory=OutputSettings, description="output")
+    expect: dict[str, Annotated[Expectation, BeforeValidator(_expectation)]] = Field(
+        default_factory=dict, description="what the final diagnostics must be"
+    )
+
+    _path: Path | None = PrivateAttr(default=None)
+
+    @property
+    def path(self) -> Path | None:
+        """The file the scene was read from."""
+        return self._path
+
+    @property
+    def mesh_file(self) -> Path | None:
+        """The mesh file, found from the scene's folder."""
+        if self.mesh.file is None:
+            return None
+        return (self._path.parent if self._path is not None else Path()) / self.mesh.file
+
+    @property
+    def dimension(self) -> int | None:
+        """2 or 3 where the shape tells, None for a mesh file (known once it is read)."""
+        if self.mesh.shape is None:
+            return None
+        from .shapes import shape_dimension
+
+        return shape_dimension(self.mesh.shape, self.mesh.parameters)
+
+    def material_of(self, region: str) -> Material:
+        """Return the material of a region: [material] overridden by [regions.NAME] where there is one."""
+        if region not in self.regions:
+            return self.material
+        return Material(**merged(self.material, self.regions[region]))
