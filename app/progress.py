@@ -1,0 +1,89 @@
+"""What a person sees while a run goes on: a bar with the time left on a terminal, one line a step otherwise."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time as clock
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+# Diagnostics worth a place in a line, in this order, and what they are called there.
+SHOWN = {
+    "energy": "energy",
+    "residual": "residual",
+    "inverted": "inverted",
+    "newton_iterations": "newton",
+    "iterations": "iterations",
+}
+# Solver iterations are told no more often than this [s]: quick steps say nothing, long ones show that they are alive.
+PATIENCE = 5.0
+
+
+class Progress:
+    """Progress of one run; make it on rank 0 only.
+
+    Parameters
+    ----------
+    title : str
+    start, end : float
+        Times the run goes from and to [s].
+    quiet : bool
+        Say nothing but notes.
+    """
+
+    def __init__(self, title: str, start: float, end: float, quiet: bool = False) -> None:
+        self.quiet = quiet
+        self.last_told = clock.monotonic()
+        self.bar: Bar | None = None
+        if quiet or not sys.stdout.isatty():
+            return
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self.bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"),
+            TimeRemainingColumn(), TextColumn("{task.fields[facts]}", markup=False),
+        )  # fmt: skip
+        self.task = self.bar.add_task(title.replace("[", "\\["), total=end - start, facts="")
+        self.begin = start
+        self.bar.start()
+
+    def step(self, step: int, time: float, dt: float, figures: Mapping[str, float], wall: float) -> None:
+        """Tell about a finished step."""
+        self.last_told = clock.monotonic()
+        if self.bar is not None:
+            self.bar.update(self.task, completed=time - self.begin, facts=f"step {step} {_facts(figures)}")
+        elif not self.quiet:
+            print(f"step {step}  time {time:.6g}  dt {dt:.3g}  {_facts(figures)}  wall {wall:.1f} s", flush=True)
+
+    def iteration(self, figures: Mapping[str, float]) -> None:
+        """Tell about a solver iteration, if nothing has been said for a while."""
+        now = clock.monotonic()
+        if self.quiet or now - self.last_told < (0.2 if self.bar else PATIENCE):
+            return
+        self.last_told = now
+        words = f"iteration {figures.get('iteration', math.nan):.0f} {_facts(figures)}"
+        if self.bar is not None:
+            self.bar.update(self.task, facts=words)
+        else:
+            print(f"  {words}", flush=True)
+
+    def note(self, text: str) -> None:
+        """Say a line that must not be missed."""
+        if self.bar is not None:
+            self.bar.console.print(text, markup=False, highlight=False)
+        else:
+            print(text, flush=True)
+
+    def close(self) -> None:
+        """Leave the terminal as it was."""
+        if self.bar is not None:
+            self.bar.stop()
+            self.bar = None
+
+
+def _facts(figures: Mapping[str, float]) -> str:
+    return "  ".join(f"{word} {figures[name]:.6g}" for name, word in SHOWN.items() if name in figures)

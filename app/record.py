@@ -1,0 +1,190 @@
+"""`run.json`: what was run, with what, at what cost, and how it ended."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import importlib.metadata
+import json
+import math
+import platform
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .errors import suggestion
+from .parallel import on_root
+from .results import RECORD, write_text
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Promise:
+    """One entry of the scene's `[expect]` and what became of it."""
+
+    name: str
+    wanted: str
+    found: float | str | None
+    met: bool
+    hint: str = ""
+
+    def __str__(self) -> str:
+        found = f"{self.found:.6g}" if isinstance(self.found, float) else self.found
+        return f"expect {self.name} {self.wanted}: {self.hint or found}, {'met' if self.met else 'MISSED'}"
+
+
+def check_promises(expected: Mapping[str, Any], results: Mapping[str, float | str]) -> list[Promise]:
+    """Compare the scene's `[expect]` with the final diagnostics, "status" and "steps"."""
+    return [
+        Promise(name, str(wanted), results[name], wanted.met(results[name]))
+        if name in results
+        else Promise(name, str(wanted), None, False, f"no such diagnostic; {suggestion(name, results)}")
+        for name, wanted in expected.items()
+    ]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the run used; nothing is imported for it."""
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+    found = {
+        "extremal": _version("extremal"),
+        "python": platform.python_version(),
+        "numpy": _version("numpy"),
+        "petsc": ".".join(str(number) for number in PETSc.Sys.getVersion()),
+        "petsc4py": _version("petsc4py"),
+        "mpi": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0 "),
+    }
+    for name in ("dolfinx", "gmsh", "numba", "meshio"):
+        if name in sys.modules:
+            found[name] = str(getattr(sys.modules[name], "__version__", "")) or _version(name)
+    return found
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return str(getattr(sys.modules.get(name), "__version__", "unknown"))
+
+
+def petsc_options() -> dict[str, str]:
+    """Return the PETSc options in force."""
+    from petsc4py import PETSc
+
+    return dict(PETSc.Options().getAll())
+
+
+def start_log() -> None:
+    """Let PETSc count calls and seconds from here on, as -log_view does."""
+    from petsc4py import PETSc
+
+    PETSc.Log.begin()
+
+
+def event_seconds(comm: MPI.Comm) -> dict[str, dict[str, float]]:
+    """Return calls and seconds (largest of all ranks) of our PETSc log events and stages (collective).
+
+    Ours have a colon in their names ("elastic:residual"); a stage is listed as "stage NAME".
+    """
+    from petsc4py import PETSc
+
+    # petsc4py cannot list events; PETSc's own table can be had as text only
+    place = on_root(comm, lambda: tempfile.mkdtemp(prefix="extremal-"))
+    path = Path(place) / "log.csv"
+    viewer = PETSc.Viewer().createASCII(str(path), comm=PETSc.COMM_WORLD)
+    viewer.pushFormat(PETSc.Viewer.Format.ASCII_CSV)
+    PETSc.Log.view(viewer)
+    viewer.popFormat()
+    viewer.destroy()
+    if comm.rank != 0:
+        return {}
+    table = _read_log(path)
+    path.unlink()
+    path.parent.rmdir()
+    return table
+
+
+def _read_log(path: Path) -> dict[str, dict[str, float]]:
+    per_rank: dict[tuple[str, str], list[float]] = {}
+    with open(path, newline="") as file:
+        for row in csv.DictReader(file):
+            stage, event = row["Stage Name"], row["Event Name"]
+            name = f"stage {stage}" if event == "summary" else event
+            count, seconds = float(row["Count"]), float(row["Time"])
+            if ":" in name and (count or seconds):
+                total = per_rank.setdefault((name, row["Rank"]), [0.0, 0.0])  # an event may run in several stages
+                total[0] += count
+                total[1] += seconds
+    table: dict[str, dict[str, float]] = {}
+    for (name, _), (count, seconds) in per_rank.items():
+        before = table.get(name, {"calls": 0, "seconds": 0.0})
+        table[name] = {"calls": max(before["calls"], int(count)), "seconds": max(before["seconds"], seconds)}
+    return table
+
+
+def effects_with_cost(
+    part: str, effects: Mapping[str, Mapping[str, float]], events: Mapping[str, Mapping[str, float]]
+) -> dict[str, Any]:
+    """Return the effects that were on with their facts, and the seconds of the events that carry their names.
+
+    The events of effect `gravity` in part `elastic` are "elastic:gravity" and "elastic:gravity:...".
+    """
+    table = {}
+    for effect, facts in effects.items():
+        own = f"{part}:{effect}"
+        seconds = [cost["seconds"] for name, cost in events.items() if name == own or name.startswith(f"{own}:")]
+        table[effect] = {"facts": dict(facts), "seconds": sum(seconds) if seconds else None}
+    return table
+
+
+def resources(comm: MPI.Comm) -> dict[str, Any] | None:
+    """Return memory and processor time of each rank (collective; None on ranks other than 0)."""
+    mine = (
+        platform.node(),
+        time.process_time(),
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+    )
+    everyone = comm.gather(mine, root=0)
+    if everyone is None:
+        return None
+    hosts, seconds, memory = zip(*everyone, strict=True)
+    return {
+        "ranks": comm.size,
+        "hosts": sorted(set(hosts)),
+        "cpu_seconds": list(seconds),
+        "peak_memory_bytes": list(memory),
+    }
+
+
+def now() -> str:
+    """Return date and time with the offset from UTC."""
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+
+
+def write_record(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write `run.json`, whole or not at all."""
+    write_text(folder / RECORD, json.dumps(_plain(record), indent=2, ensure_ascii=False) + "\n")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON can hold it: no NumPy types; not-a-number and infinity as text."""
+    if isinstance(value, Promise):
+        return _plain(asdict(value))
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
