@@ -1,0 +1,1 @@
+"""Invertible hyperelasticity: laws, extensions, weak forms, the SNES problem, time integration."""
