@@ -13,41 +13,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .errors import suggestion
+from .expectations import Expectation
 from .parallel import on_root
 from .results import RECORD, write_text
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-
-@dataclass(frozen=True)
-class Promise:
-    """One entry of the scene's `[expect]` and what became of it."""
-
-    name: str
-    wanted: str
-    found: float | str | None
-    met: bool
-    hint: str = ""
-
-    def __str__(self) -> str:
-        found = f"{self.found:.6g}" if isinstance(self.found, float) else self.found
-        return f"expect {self.name} {self.wanted}: {self.hint or found}, {'met' if self.met else 'MISSED'}"
-
-
-def check_promises(expected: Mapping[str, Any], results: Mapping[str, float | str]) -> list[Promise]:
-    """Compare the scene's `[expect]` with the final diagnostics, "status" and "steps"."""
-    return [
-        Promise(name, str(wanted), results[name], wanted.met(results[name]))
-        if name in results
-        else Promise(name, str(wanted), None, False, f"no such diagnostic; {suggestion(name, results)}")
-        for name, wanted in expected.items()
-    ]
 
 
 def versions() -> dict[str, str]:
@@ -121,7 +96,8 @@ def _read_log(path: Path) -> dict[str, dict[str, float]]:
             name = f"stage {stage}" if event == "summary" else event
             count, seconds = float(row["Count"]), float(row["Time"])
             if ":" in name and (count or seconds):
-                total = per_rank.setdefault((name, row["Rank"]), [0.0, 0.0])  # an event may run in several stages
+                # an event may run in several stages
+                total = per_rank.setdefault((name, row["Rank"]), [0.0, 0.0])
                 total[0] += count
                 total[1] += seconds
     table: dict[str, dict[str, float]] = {}
@@ -141,7 +117,8 @@ def effects_with_cost(
     table = {}
     for effect, facts in effects.items():
         own = f"{part}:{effect}"
-        seconds = [cost["seconds"] for name, cost in events.items() if name == own or name.startswith(f"{own}:")]
+        names = [name for name in events if name == own or name.startswith(f"{own}:")]
+        seconds = [events[name]["seconds"] for name in names]
         table[effect] = {"facts": dict(facts), "seconds": sum(seconds) if seconds else None}
     return table
 
@@ -158,7 +135,6 @@ def resources(comm: MPI.Comm) -> dict[str, Any] | None:
         return None
     hosts, seconds, memory = zip(*everyone, strict=True)
     return {
-        "ranks": comm.size,
         "hosts": sorted(set(hosts)),
         "cpu_seconds": list(seconds),
         "peak_memory_bytes": list(memory),
@@ -177,7 +153,7 @@ def write_record(folder: Path, record: Mapping[str, Any]) -> None:
 
 def _plain(value: Any) -> Any:
     """Return a value as JSON can hold it: no NumPy types; not-a-number and infinity as text."""
-    if isinstance(value, Promise):
+    if isinstance(value, Expectation):
         return _plain(asdict(value))
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}

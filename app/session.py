@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from . import checkpoint as checkpoints
 from . import record, results
 from .errors import EXIT_FINISHED, EXIT_SOLVER, ExtremalError, InputError
+from .expectations import Expectation, check_expectations
 from .parallel import on_root
 from .progress import Progress
 from .results import OutputError, Series, Table
@@ -45,7 +46,7 @@ class Problem(Protocol):
     on_iteration: Callable[[dict[str, float]], None] | None
 
     def advance(self, dt: float) -> dict[str, float]:
-        """Make one step to `time + dt`; raise ArithmeticError on all ranks, with the state as before, if that fails."""
+        """Make one step to `time + dt`, or raise ArithmeticError on all ranks with the state as before."""
         ...
 
     def diagnostics(self) -> dict[str, float]:
@@ -61,7 +62,7 @@ class Problem(Protocol):
         ...
 
     def geometry(self) -> tuple[NDArray[Any], NDArray[Any], str] | None:
-        """Return on rank 0 reference points (n, 3) [m], cells (m, k) and their meshio name; None elsewhere, or without a mesh."""
+        """Return on rank 0 points (n, 3) [m], cells (m, k) and their meshio name; None elsewhere or without mesh."""
         ...
 
     def fields(
@@ -73,15 +74,15 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: status "finished", "stopped" or "failed", a one-line reason for the latter two, and the exit code."""
+    """How a run ended."""
 
-    status: str
+    status: str  # "finished", "stopped" or "failed"
     reason: str
     exit_code: int
     steps: int
     time: float
     diagnostics: dict[str, float]
-    promises: list[record.Promise] = field(default_factory=list)
+    expectations: list[Expectation] = field(default_factory=list)
 
 
 def run(
@@ -111,7 +112,7 @@ def run(
     Returns
     -------
     Outcome
-        Exit code 0: finished and every expectation met; 3: failed, stopped by a signal, or an expectation missed.
+        Exit code 0: finished, every expectation met; 3: failed, stopped by a signal, or an expectation missed.
 
     Raises
     ------
@@ -119,8 +120,9 @@ def run(
         If the restart cannot be made.
     """
     session = _Session(problem, scene, Path(folder), quiet)
+    places = [None if place is None else Path(place) for place in (restart, scene_path)]
     with stop_requests() as request:
-        return session.run(request, Path(restart) if restart else None, Path(scene_path) if scene_path else None)
+        return session.run(request, *places)
 
 
 class _Session:
@@ -135,9 +137,13 @@ class _Session:
         self.is_root = self.comm.rank == 0
         analysis = scene.analysis
         self.step_size = StepSize(
-            analysis.time_step, analysis.end_time, analysis.smallest_step, analysis.largest_step, analysis.adaptive,
-            scene.output.every,
-        )  # fmt: skip
+            first=analysis.time_step,
+            end=analysis.end_time,
+            smallest=analysis.smallest_step,
+            largest=analysis.largest_step,
+            adaptive=analysis.adaptive,
+            every=scene.output.every,
+        )
         self.output_event = PETSc.Log.Event("session:output")
         self.checkpoint_event = PETSc.Log.Event("session:checkpoint")
         self.plain_scene = scene.model_dump(mode="json")
@@ -226,10 +232,11 @@ class _Session:
                 self._agree_on_postponed()
                 self._stop_if_asked(request)
                 if not self.step_size.rejected(dt, getattr(error, "wanted_step", None)):
-                    smallest = f" (smallest step {self.step_size.lower:.3g})" if self.step_size.adaptive else ""
-                    raise _Ended("failed", f"step {self.step + 1}, dt {dt:.3g}{smallest}: {reason}") from error
+                    which = "the smallest step" if self.step_size.adaptive else "the fixed step"
+                    raise _Ended("failed", f"step {self.step + 1}, dt {dt:.3g} ({which}): {reason}") from error
                 cutbacks += 1
-                self._note(f"step {self.step + 1}: dt {dt:.3g} failed ({reason}); trying {self.step_size.dt:.3g}")
+                shorter = self.step_size.dt
+                self._note(f"step {self.step + 1}: dt {dt:.3g} failed ({reason}); trying {shorter:.3g}")
                 continue
             self.problem.time = end  # a milestone is hit exactly
             self.dt = dt
@@ -271,32 +278,35 @@ class _Session:
     def _finish(self, status: str, reason: str) -> Outcome:
         """Write the record and the picture, tell the end, and return it."""
         found: dict[str, float | str] = {**self.diagnostics, "status": status, "steps": float(self.step)}
-        promises = record.check_promises(self.scene.expect, found)
-        missed = [promise.name for promise in promises if not promise.met]
+        expectations = check_expectations(self.scene.expect, found)
+        missed = [expectation.name for expectation in expectations if not expectation.met]
         good = status == "finished" and not missed
         facts = self._record(status, reason)
         facts["events"] = record.event_seconds(self.comm)
         facts["effects"] = record.effects_with_cost(self.scene.part, self.problem.effects, facts["events"])
-        facts |= {"expect": promises, "exit_code": EXIT_FINISHED if good else EXIT_SOLVER}
+        facts |= {"expect": expectations, "exit_code": EXIT_FINISHED if good else EXIT_SOLVER}
         facts |= record.resources(self.comm) or {}
 
         if self.is_root:
             with contextlib.suppress(OutputError):  # a full disk has been told of already
                 record.write_record(self.folder, facts)
             self._draw()
-            for promise in promises:
-                print(promise)
-            print(f"{status}{': ' if reason else ''}{reason}, results in {self.folder}", flush=True)
+            for expectation in expectations:
+                print(expectation)
+            words = [status + (f" {reason}" if status == "stopped" else f": {reason}" if reason else "")]
+            words += [f"{len(missed)} of {len(expectations)} expectations MISSED"] if missed else []
+            print(", ".join([*words, f"results in {self.folder}"]), flush=True)
         self.comm.barrier()
         exit_code = EXIT_FINISHED if good else EXIT_SOLVER
-        return Outcome(status, reason, exit_code, self.step, self.problem.time, self.diagnostics, promises)
+        return Outcome(status, reason, exit_code, self.step, self.problem.time, self.diagnostics, expectations)
 
     # ------------------------------------------------------------------ output
 
     def _write_row(self, dt: float, cutbacks: int) -> None:
-        row = {"step": self.step, "time": self.problem.time, "dt": dt, "cutbacks": cutbacks, "wall": self._wall()}
+        row = {"step": self.step, "time": self.problem.time, "dt": dt, "cutbacks": cutbacks}
+        row |= {"wall": self._wall(), **self.diagnostics}
         with self.output_event:
-            on_root(self.comm, lambda: self.history.append({**row, **self.diagnostics}))
+            on_root(self.comm, lambda: self.history.append(row))
 
     def _write_frame(self, agreed: bool = True) -> None:
         """Write a frame of the fields; with `agreed` false, keep rank 0's failure for later."""
@@ -318,7 +328,7 @@ class _Session:
                 self._postpone(write)
 
     def _on_iteration(self, figures: dict[str, float]) -> None:
-        """Note one iteration of the problem's solver (called inside `advance`, where nothing may be raised)."""
+        """Note one iteration of the solver (called inside `advance`, where nothing may be raised)."""
         if figures.get("iteration", 1) > 0:
             self.iterations += 1
         if self.is_root:
@@ -369,13 +379,18 @@ class _Session:
             state = self.problem.state()
             geometry = self.problem.geometry()
             facts = {
-                "step": self.step, "time": self.problem.time, "step_size": self.step_size.state(),
-                "iterations": self.iterations, "totals": self.totals, "frame_times": [],
-                "wall": self._wall(), "scene": self.plain_scene, "geometry": checkpoints.geometry_digest(geometry),
-            }  # fmt: skip
-            if self.series is not None:
-                facts["frame_times"] = self.series.times
-            on_root(self.comm, lambda: checkpoints.save(checkpoints.path_of(self.folder, self.step), state, facts))
+                "step": self.step,
+                "time": self.problem.time,
+                "step_size": self.step_size.state(),
+                "iterations": self.iterations,
+                "totals": self.totals,
+                "frame_times": self.series.times if self.series is not None else [],
+                "wall": self._wall(),
+                "scene": self.plain_scene,
+                "geometry": checkpoints.geometry_digest(geometry),
+            }
+            path = checkpoints.path_of(self.folder, self.step)
+            on_root(self.comm, lambda: checkpoints.save(path, state, facts))
         self.saved_step = self.step
         self.saved_clock = clock.monotonic()
 
@@ -392,25 +407,21 @@ class _Session:
     def _restore(self, restart: Path, geometry: Any) -> list[str]:
         """Take over a checkpoint; return lines about damaged ones."""
 
-        def read() -> tuple[checkpoints.Checkpoint, list[str]]:
+        kept: list[checkpoints.Checkpoint] = []  # the arrays stay on rank 0
+
+        def read() -> tuple[Path, dict[str, Any], list[str]]:
             found, passed_over = checkpoints.newest(restart)
             checkpoints.check_same(found, self.plain_scene, checkpoints.geometry_digest(geometry))
-            return found, passed_over
-
-        # the arrays stay on rank 0
-        kept: list[checkpoints.Checkpoint] = []
-
-        def read_and_keep() -> tuple[Path, dict[str, Any], list[str]]:
-            found, passed_over = read()
             kept.append(found)
             return found.path, found.facts, passed_over
 
-        path, facts, notes = on_root(self.comm, read_and_keep)
+        path, facts, notes = on_root(self.comm, read)
         self.problem.restore(kept[0].state if kept else {})
         self.problem.time = facts["time"]
         self.step = self.saved_step = self.frame_step = facts["step"]
         self.step_size.restore(facts["step_size"])
-        self.iterations, self.totals, self.frame_times = facts["iterations"], facts["totals"], facts["frame_times"]
+        self.iterations, self.totals = facts["iterations"], facts["totals"]
+        self.frame_times = facts["frame_times"]
         self.wall_before = facts["wall"]
         source = path.parent.parent
 
@@ -435,14 +446,23 @@ class _Session:
     def _record(self, status: str, reason: str) -> dict[str, Any]:
         """Return what one rank knows about the run (no communication)."""
         return {
-            "title": self.scene.title, "part": self.scene.part, "status": status, "reason": reason,
-            "steps": self.step, "time": self.problem.time, "diagnostics": self.diagnostics,
-            "began": self.began, "ended": None if status == "running" else record.now(),
-            "wall_seconds": self._wall(), "ranks": self.comm.size,
+            "title": self.scene.title,
+            "part": self.scene.part,
+            "status": status,
+            "reason": reason,
+            "steps": self.step,
+            "time": self.problem.time,
+            "diagnostics": self.diagnostics,
             "solver_iterations": {"total": self.iterations, **self.totals},
-            "effects": self.problem.effects, "versions": record.versions(),
-            "petsc_options": record.petsc_options(), "scene": self.plain_scene,
-        }  # fmt: skip
+            "began": self.began,
+            "ended": None if status == "running" else record.now(),
+            "wall_seconds": self._wall(),
+            "ranks": self.comm.size,
+            "effects": self.problem.effects,
+            "versions": record.versions(),
+            "petsc_options": record.petsc_options(),
+            "scene": self.plain_scene,
+        }
 
     def _write_crash(self, error: Exception) -> None:
         if self.is_root and self.folder.is_dir():
