@@ -55,24 +55,23 @@ static void quotients(const double *s, Response *r, int have_minus) {
   }
 }
 
-/* w = psi, psi_k, psi_kl in the coordinates of d */
-static void in_d(const double *w, const double *s, Response *r) {
+/* w = psi, psi_k, psi_kl in the coordinates of d; `second`: second derivatives are wanted, here and below */
+static void in_d(const double *w, const double *s, int second, Response *r) {
   r->psi = w[0];
+  for (int i = 0; i < D; ++i) r->g[i] = w[1 + i];
+  if (!second) return;
   for (int i = 0, n = 1 + D; i < D; ++i) {
-    r->g[i] = w[1 + i];
     for (int j = i; j < D; ++j) r->h[i][j] = r->h[j][i] = w[n++];
   }
   quotients(s, r, 0);
 }
 
 #if IN_STRETCHES
-#define from_coordinates(w, s, d, r) ((void)(d), in_d(w, s, r))
+#define from_coordinates(w, s, d, second, r) ((void)(d), in_d(w, s, second, r))
 #else
-static void from_coordinates(const double *w, const double *s, const double *d, Response *r) {
+static void from_coordinates(const double *w, const double *s, const double *d, int second, Response *r) {
   double c[D][D], wy[D][D]; /* c[k][i] = d e_k / d s_i */
   r->psi = w[0];
-  for (int k = 0, n = 1 + D; k < D; ++k)
-    for (int l = k; l < D; ++l) wy[k][l] = wy[l][k] = w[n++];
   for (int i = 0; i < D; ++i) {
     c[0][i] = 1;
 #if D == 2
@@ -86,13 +85,17 @@ static void from_coordinates(const double *w, const double *s, const double *d, 
   for (int i = 0; i < D; ++i) {
     r->g[i] = 0;
     for (int k = 0; k < D; ++k) r->g[i] += w[1 + k] * c[k][i];
+  }
+  if (!second) return;
+  for (int k = 0, n = 1 + D; k < D; ++k)
+    for (int l = k; l < D; ++l) wy[k][l] = wy[l][k] = w[n++];
+  for (int i = 0; i < D; ++i)
     for (int j = 0; j < D; ++j) {
       double sum = 0;
       for (int k = 0; k < D; ++k)
         for (int l = 0; l < D; ++l) sum += wy[k][l] * c[k][i] * c[l][j];
       r->h[i][j] = sum;
     }
-  }
   for (int q = 0; q < PAIRS; ++q) {
     const int i = PAIR[q][0], j = PAIR[q][1];
 #if D == 2
@@ -108,11 +111,11 @@ static void from_coordinates(const double *w, const double *s, const double *d, 
 }
 #endif
 
-static void base_response(const double *s, const double *d, const double *p, Response *r) {
+static void base_response(const double *s, const double *d, const double *p, int second, Response *r) {
   double y[D], w[1 + D + D * (D + 1) / 2];
   coordinates(d, y);
   base(y, p, w);
-  from_coordinates(w, s, d, r);
+  from_coordinates(w, s, d, second, r);
 }
 
 /* ---- the threshold surface J = epsilon ---------------------------------------------------------------------- */
@@ -150,7 +153,7 @@ static double threshold_root(const double *d, double eps) {
 #ifdef EXTENSION_C2
 /* 6.3.2 in coordinates y, along the ray Y(t) = r(t) y, r_k = t^n_k (n_k = k for e, 1 for d):
  * psi = f + u f' + u^2/2 f'', f(t) = psi(Y(t)), u = 1 - s, and d psi / ds = u^2/2 f''' at fixed y. */
-static void extended(const double *d, const double *y, const double *p, double *w) {
+static void extended(const double *d, const double *y, const double *p, int second, double *w) {
   enum { H0 = 1 + D, T0 = H0 + D * (D + 1) / 2, A0 = T0 + D * (D + 1) * (D + 2) / 6 };
   double b[A0 + D * (D + 1) * (D + 2) * (D + 3) / 24];
   double Y[D], r[D], r1[D], r2[D], r3[D], v1[D], v2[D], v3[D];
@@ -168,51 +171,40 @@ static void extended(const double *d, const double *y, const double *p, double *
   }
   base4(Y, p, b);
 
-  /* contractions of the symmetric derivative tensors: with the ray's velocity v1 and acceleration v2 */
-  double H[D][D], T1[D][D] = {{0}}, T2[D][D] = {{0}}, A11[D][D] = {{0}}, h1[D], h2[D], h3[D], t11[D], t12[D], a111[D];
+  /* contractions of the symmetric derivative tensors with the ray's velocity v1 and acceleration v2 */
+  double H[D][D], T1[D][D] = {{0}}, T2[D][D] = {{0}}, h1[D], h2[D], t11[D];
   for (int k = 0, n = H0; k < D; ++k)
     for (int l = k; l < D; ++l) H[k][l] = H[l][k] = b[n++];
-  double T[D][D][D];
   for (int k = 0, n = T0; k < D; ++k)
     for (int l = k; l < D; ++l)
-      for (int m = l; m < D; ++m, ++n)
-        T[k][l][m] = T[k][m][l] = T[l][k][m] = T[l][m][k] = T[m][k][l] = T[m][l][k] = b[n];
-  for (int k = 0; k < D; ++k)
-    for (int l = 0; l < D; ++l)
-      for (int m = 0; m < D; ++m) {
-        T1[k][l] += T[k][l][m] * v1[m];
-        T2[k][l] += T[k][l][m] * v2[m];
-      }
-  double A[D][D][D][D];
-  for (int k = 0, n = A0; k < D; ++k)
-    for (int l = k; l < D; ++l)
-      for (int m = l; m < D; ++m)
-        for (int o = m; o < D; ++o, ++n) {
-          const int x[4] = {k, l, m, o};
-          for (int i = 0; i < 4; ++i)
-            for (int j = 0; j < 4; ++j)
-              for (int q = 0; q < 4; ++q)
-                if (i != j && i != q && j != q) A[x[i]][x[j]][x[q]][x[6 - i - j - q]] = b[n];
+      for (int m = l; m < D; ++m, ++n) {
+        T1[k][l] += b[n] * v1[m];
+        T2[k][l] += b[n] * v2[m];
+        if (m != l) {
+          T1[k][m] += b[n] * v1[l];
+          T2[k][m] += b[n] * v2[l];
         }
+        if (k != l) {
+          T1[l][m] += b[n] * v1[k];
+          T2[l][m] += b[n] * v2[k];
+        }
+      }
   for (int k = 0; k < D; ++k)
-    for (int l = 0; l < D; ++l)
-      for (int m = 0; m < D; ++m)
-        for (int o = 0; o < D; ++o) A11[k][l] += A[k][l][m][o] * v1[m] * v1[o];
-  double f1 = 0, f2 = 0, f3 = 0, f4 = 0;
+    for (int l = 0; l < k; ++l) {
+      T1[k][l] = T1[l][k];
+      T2[k][l] = T2[l][k];
+    }
+  double f1 = 0, f2 = 0, f3 = 0;
   for (int k = 0; k < D; ++k) {
-    h1[k] = h2[k] = h3[k] = t11[k] = t12[k] = a111[k] = 0;
+    h1[k] = h2[k] = t11[k] = 0;
     for (int l = 0; l < D; ++l) {
       h1[k] += H[k][l] * v1[l];
       h2[k] += H[k][l] * v2[l];
-      h3[k] += H[k][l] * v3[l];
       t11[k] += T1[k][l] * v1[l];
-      t12[k] += T1[k][l] * v2[l];
-      a111[k] += A11[k][l] * v1[l];
     }
     f1 += b[1 + k] * v1[k];
     f2 += h1[k] * v1[k] + b[1 + k] * v2[k];
     f3 += t11[k] * v1[k] + 3 * h1[k] * v2[k] + b[1 + k] * v3[k];
-    f4 += a111[k] * v1[k] + 6 * t11[k] * v2[k] + 3 * h2[k] * v2[k] + 4 * h1[k] * v3[k];
   }
 
   /* the root s(y): p(s, y) = 0 */
@@ -246,19 +238,46 @@ static void extended(const double *d, const double *y, const double *p, double *
 #endif
   for (int k = 0; k < D; ++k) sk[k] = -pk[k] / ps;
 
-  const double gs = u2 * f3, gss = u2 * f4 - u * f3;
-  double gk[D], gks[D];
+  const double gs = u2 * f3;
+  w[0] = b[0] + u * f1 + u2 * f2;
   for (int k = 0; k < D; ++k) {
     const double d1 = h1[k] * r[k] + b[1 + k] * r1[k],
-                 d2 = t11[k] * r[k] + 2 * h1[k] * r1[k] + h2[k] * r[k] + b[1 + k] * r2[k],
-                 d3 = a111[k] * r[k] + 3 * (t11[k] * r1[k] + t12[k] * r[k] + h2[k] * r1[k] + h1[k] * r2[k]) +
-                      h3[k] * r[k] + b[1 + k] * r3[k];
-    gk[k] = b[1 + k] * r[k] + u * d1 + u2 * d2;
-    gks[k] = u2 * d3;
+                 d2 = t11[k] * r[k] + 2 * h1[k] * r1[k] + h2[k] * r[k] + b[1 + k] * r2[k];
+    w[1 + k] = b[1 + k] * r[k] + u * d1 + u2 * d2 + gs * sk[k];
   }
-  w[0] = b[0] + u * f1 + u2 * f2;
-  for (int k = 0, n = 1 + D; k < D; ++k) {
-    w[1 + k] = gk[k] + gs * sk[k];
+  if (!second) return;
+
+  double A11[D][D] = {{0}}, gks[D], f4 = 0;
+  for (int k = 0, n = A0; k < D; ++k)
+    for (int l = k; l < D; ++l)
+      for (int m = l; m < D; ++m)
+        for (int o = m; o < D; ++o, ++n) {
+          /* every distinct place of (k, l, m, o) in A[.][.][v1][v1]: choose the first two, the rest is contracted */
+          const int x[4] = {k, l, m, o};
+          for (int i = 0; i < 4; ++i)
+            for (int j = 0; j < 4; ++j) {
+              if (i == j || (i > 0 && x[i] == x[i - 1])) continue;
+              int q[2], c = 0;
+              for (int e = 0; e < 4; ++e)
+                if (e != i && e != j) q[c++] = e;
+              const int repeated = j > 0 && x[j] == x[j - 1] && j - 1 != i;
+              if (repeated) continue;
+              A11[x[i]][x[j]] += b[n] * v1[x[q[0]]] * v1[x[q[1]]] * (x[q[0]] == x[q[1]] ? 1 : 2);
+            }
+        }
+  for (int k = 0; k < D; ++k) {
+    double a111 = 0, t12 = 0, h3 = 0;
+    for (int l = 0; l < D; ++l) {
+      a111 += A11[k][l] * v1[l];
+      t12 += T1[k][l] * v2[l];
+      h3 += H[k][l] * v3[l];
+    }
+    f4 += a111 * v1[k] + 6 * t11[k] * v2[k] + 3 * h2[k] * v2[k] + 4 * h1[k] * v3[k];
+    gks[k] = u2 * (a111 * r[k] + 3 * (t11[k] * r1[k] + t12 * r[k] + h2[k] * r1[k] + h1[k] * r2[k]) + h3 * r[k] +
+                   b[1 + k] * r3[k]);
+  }
+  const double gss = u2 * f4 - u * f3;
+  for (int k = 0, n = 1 + D; k < D; ++k)
     for (int l = k; l < D; ++l) {
       const double rr = r[k] * r[l], rr1 = r[k] * r1[l] + r1[k] * r[l];
       const double d0 = H[k][l] * rr, d1 = T1[k][l] * rr + H[k][l] * rr1,
@@ -267,7 +286,6 @@ static void extended(const double *d, const double *y, const double *p, double *
       const double skl = -(pkl[k][l] + pks[k] * sk[l] + pks[l] * sk[k] + pss * sk[k] * sk[l]) / ps;
       w[n++] = d0 + u * d1 + u2 * d2 + gks[k] * sk[l] + gks[l] * sk[k] + gss * sk[k] * sk[l] + gs * skl;
     }
-  }
 }
 #endif
 
@@ -278,15 +296,15 @@ static double product(const double *s) {
 }
 
 /* The extended law at stretches s. */
-static void response(const double *s, const double *p, Response *r) {
+static void response(const double *s, const double *p, int second, Response *r) {
   double d[D];
   for (int i = 0; i < D; ++i) d[i] = s[i] - 1;
 #if defined(EXTENSION_C2)
   if (product(s) < EPS) {
     double y[D], w[1 + D + D * (D + 1) / 2];
     coordinates(d, y);
-    extended(d, y, p, w);
-    from_coordinates(w, s, d, r);
+    extended(d, y, p, second, w);
+    from_coordinates(w, s, d, second, r);
     return;
   }
 #elif defined(EXTENSION_IFE)
@@ -300,7 +318,7 @@ static void response(const double *s, const double *p, Response *r) {
       q[i] = 1 + dq[i];
       beyond[i] = (1 - t) * d[i];
     }
-    base_response(q, dq, p, r);
+    base_response(q, dq, p, 1, r);
     for (int i = 0; i < D; ++i) {
       double more = 0;
       for (int j = 0; j < D; ++j) more += r->h[i][j] * beyond[j];
@@ -319,11 +337,11 @@ static void response(const double *s, const double *p, Response *r) {
 #if D == 3
     if (below == 3) below_3(d, p, w);
 #endif
-    in_d(w, s, r);
+    in_d(w, s, second, r);
     return;
   }
 #endif
-  base_response(s, d, p, r);
+  base_response(s, d, p, second, r);
 }
 
 /* ---- singular values of W matrices -------------------------------------------------------------------------- */
@@ -629,7 +647,7 @@ long extremal_evaluate(long n, long per_cell, const double *grad, const double *
       double stretches[D];
       Response r;
       for (int i = 0; i < D; ++i) stretches[i] = s[i][l];
-      response(stretches, p, &r);
+      response(stretches, p, A != 0, &r);
       if (psi) psi[start + l] = r.psi;
       if (P)
         for (int a = 0; a < D; ++a)
@@ -669,7 +687,7 @@ void extremal_stretches(long n, const double *grad, double *stretches, double *l
 void extremal_response(long n, const double *s, const double *p, double *psi, double *gradient, double *hessian) {
   for (long k = 0; k < n; ++k) {
     Response r;
-    response(s + D * k, p, &r);
+    response(s + D * k, p, 1, &r);
     psi[k] = r.psi;
     memcpy(gradient + D * k, r.g, sizeof(r.g));
     memcpy(hessian + DD * k, r.h, sizeof(r.h));
