@@ -26,7 +26,7 @@ run: setup
 	$(mpirun) -n $(RANKS) .venv/bin/extremal elastic $(SCENE) -o $(RESULTS)
 
 test: lint
-	$(pytest) -m "not long"
+	$(pytest) -m "not long" --durations=10 --durations-min=5
 	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and not long"
 	$(mpirun) -n 3 $(parallel_pytest) -m "mpi and not long"
 
