@@ -6,10 +6,25 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from .boxes import box
+from .boxes import bar, box, mattress
+from .creature import creature
+from .curved import cylinder, sphere, torus, tube
 from .data import MeshData, MeshError, choose
+from .simplices import simplex, tetrahedron, triangle
 
-SHAPES: dict[str, Callable[..., MeshData]] = {"box": box}
+SHAPES: dict[str, Callable[..., MeshData]] = {
+    "box": box,
+    "bar": bar,
+    "mattress": mattress,
+    "sphere": sphere,
+    "cylinder": cylinder,
+    "tube": tube,
+    "torus": torus,
+    "creature": creature,
+    "triangle": triangle,
+    "tetrahedron": tetrahedron,
+    "simplex": simplex,
+}
 
 
 def generate(shape: str, **parameters: Any) -> MeshData:

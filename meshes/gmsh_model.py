@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,14 @@ from numpy.typing import NDArray
 
 from . import compat
 from .data import MeshData, MeshError
-from .quality import jacobians
+from .quality import EDGES, jacobians
 
 LARGEST = 20_000_000  # cells; more would not fit the memory of one machine together with their matrices
 
 # Everything that decides what the mesh looks like, so that the same parameters always give the same mesh.
 OPTIONS = {
     "General.Terminal": 0,
-    "General.Verbosity": 0,
+    "General.Verbosity": 2,
     "General.NumThreads": 1,
     "Mesh.RandomSeed": 1,
     "Mesh.Algorithm": 6,  # frontal Delaunay
@@ -33,15 +34,18 @@ OPTIONS = {
 @contextmanager
 def session() -> Iterator[Any]:
     """A fresh gmsh, without terminal output, configuration files or signal handlers; closed at the end."""
+    # Terminal output stays off, but below a verbosity of 2 the log would not collect errors either.
     import gmsh
 
     gmsh.initialize(**compat.gmsh_arguments(gmsh.initialize))
     try:
         for name, value in OPTIONS.items():
             gmsh.option.setNumber(name, value)
+        gmsh.logger.start()
         gmsh.model.add("extremal")
         yield gmsh
     finally:
+        gmsh.logger.stop()
         gmsh.finalize()
 
 
@@ -95,43 +99,80 @@ def mesh_model(
     """
     gmsh.option.setNumber("Mesh.MeshSizeMin", cell_size)
     gmsh.option.setNumber("Mesh.MeshSizeMax", cell_size)
-    try:
-        gmsh.model.mesh.generate(dimension)
-        if order == 2:
-            gmsh.model.mesh.setOrder(2)
-            if dimension == 3:
-                gmsh.model.mesh.optimize("HighOrder")
-    except Exception as error:  # gmsh raises plain Exception
-        raise MeshError(
-            f"{shape}: gmsh could not mesh it with cell_size {cell_size:g} ({_one_line(error)}); "
-            "try a smaller cell_size"
-        ) from None
+    run_mesher(gmsh, f"{shape} with cell_size {cell_size:g}", order, dimension)
     if regions is None:
         regions = {"body": [tag for _, tag in gmsh.model.getEntities(dimension)]}
-    data = collect(gmsh, order, dimension, boundaries, regions)
+    data = straighten(collect(gmsh, order, dimension, boundaries, regions))
     check_curved(data, f"{shape} with cell_size {cell_size:g}")
     return data
 
 
-def check_curved(data: MeshData, name: str) -> None:
-    """Refuse second-order cells which are inverted somewhere: at a node of theirs det(∂x/∂ξ) <= 0.
+def run_mesher(gmsh: Any, name: str, order: int, dimension: int) -> None:
+    """Mesh the current model.
 
     Raises
     ------
     MeshError
-        Naming the worst cell.
+        With gmsh's own first error.
     """
+    # gmsh meshes inside parallel regions: an exception thrown there, its default, would end the process.
+    gmsh.option.setNumber("General.AbortOnError", 1)
+    errors = []
+    try:
+        gmsh.model.mesh.generate(dimension)
+        if order == 2:
+            gmsh.model.mesh.setOrder(2)
+    except Exception as error:  # gmsh raises plain Exception
+        errors.append(str(error))
+    errors = [message[7:] for message in gmsh.logger.get() if message.startswith("Error: ")] + errors
+    if errors:
+        reason = " ".join(errors[0].split())
+        raise MeshError(f"{name}: gmsh could not mesh it ({reason}); try a smaller cell_size")
+
+
+def folded(data: MeshData) -> NDArray[np.bool_]:
+    """Which second-order cells are inverted somewhere: det(∂x/∂ξ) <= 0 at a node, shape (cells,)."""
     if data.order == 1:
-        return
+        return np.zeros(len(data.cells), dtype=bool)
     d = data.dimension
     corners = np.vstack([np.zeros(d), np.eye(d)])
     middles = (corners[:, None] + corners[None])[np.triu_indices(d + 1, 1)] / 2
-    determinants = jacobians(data.points, data.cells, 2, np.vstack([corners, middles])).min(axis=1)
-    if len(determinants) and determinants.min() <= 0:
-        worst = int(determinants.argmin())
+    at_nodes = jacobians(data.points, data.cells, 2, np.vstack([corners, middles]))
+    return np.asarray(at_nodes.min(axis=1) <= 0)
+
+
+def straighten(data: MeshData) -> MeshData:
+    """The same mesh with the edges of folded second-order cells made straight.
+
+    Where a curved side is coarsely meshed it may run through the cell's other sides. gmsh's own optimisation
+    of such cells keeps the curve, but takes seconds to minutes.
+    """
+    points, edges = data.points, EDGES[data.dimension]
+    for _ in range(5):  # a straight edge may fold a neighbour which was good
+        bad = folded(replace(data, points=points))
+        if not bad.any():
+            break
+        points = points.copy()
+        for middle, (i, j) in enumerate(edges, start=data.dimension + 1):
+            points[data.cells[bad, middle]] = points[data.cells[bad][:, [i, j]]].mean(axis=1)
+    return replace(data, points=points)
+
+
+def check_curved(data: MeshData, name: str) -> None:
+    """Refuse folded second-order cells.
+
+    Raises
+    ------
+    MeshError
+        Naming the first of them.
+    """
+    found = np.flatnonzero(folded(data))
+    if len(found):
+        cell = int(found[0])
+        where = ", ".join(f"{x:.6g}" for x in data.points[data.cells[cell]].mean(axis=0))
         raise MeshError(
-            f"{name}: second-order element {worst} is folded by its curved sides; "
-            "use a smaller cell_size or order = 1"
+            f"{name}: second-order element {cell} near ({where}) is folded by its curved sides; "
+            "use smaller elements or first order"
         )
 
 
@@ -174,7 +215,7 @@ def orient(data: MeshData) -> MeshData:
         return data
     cells = data.cells.copy()
     cells[negative] = cells[negative][:, FLIP[data.dimension, data.order]]
-    return MeshData(**{**vars(data), "cells": cells})
+    return replace(data, cells=cells)
 
 
 # Exchanging corners 0 and 1 mirrors a simplex; its mid-edge nodes (see quality.EDGES) move with their edges.
@@ -199,7 +240,3 @@ def _elements(
             nodes.append(np.asarray(found, dtype=np.int64).reshape(-1, width))
             numbers.append(np.full(len(nodes[-1]), i + 1, dtype=np.int32))
     return np.concatenate(nodes), np.concatenate(numbers)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__

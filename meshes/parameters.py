@@ -40,7 +40,7 @@ def among(shape: str, name: str, value: object, accepted: Sequence[int]) -> int:
     if isinstance(value, bool) or value not in accepted:
         listing = " or ".join(str(x) for x in accepted)
         raise MeshError(f"{shape}: {name} must be {listing}, got {value!r}")
-    return int(value)  # type: ignore[call-overload, no-any-return]
+    return int(value)  # type: ignore[call-overload]
 
 
 def cell_size_within(shape: str, value: object, smallest: float, what: str) -> float:
