@@ -65,7 +65,7 @@ fi
 say "installing extremal and what it needs from PyPI into .venv"
 if ! .venv/bin/python -m pip install -qq --disable-pip-version-check --no-input --retries 2 \
     -e ".${extra:+[$extra]}" > "$log" 2>&1 < /dev/null; then
-    tail -n 12 "$log" >&2
+    { grep '^ *ERROR' "$log" || tail -n 12 "$log"; } >&2
     say "pip could not install the Python packages which pyproject.toml asks for (whole log in $log)."
     say "This step needs PyPI once; behind a proxy set https_proxy, or PIP_INDEX_URL for a mirror, and try again."
     exit 1
