@@ -14,6 +14,8 @@ ifeq ($(shell id -u),0)
 export OMPI_ALLOW_RUN_AS_ROOT := 1
 export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
 endif
+# all ranks are on this machine: shared memory does, and Open MPI 5 need not complain about the network
+export OMPI_MCA_btl ?= ^tcp
 mpirun := mpirun --oversubscribe
 pytest := $(python) -m pytest
 parallel_pytest := $(python) -m pytest -p no:cacheprovider --color=no

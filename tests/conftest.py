@@ -20,6 +20,7 @@ from typing import Any
 _root = Path(__file__).resolve().parent.parent
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is loaded: the ranks share the cores already
 os.environ.setdefault("MPLBACKEND", "Agg")
+os.environ.setdefault("OMPI_MCA_btl", "^tcp")  # all ranks are on this machine
 if os.geteuid() == 0:  # mpirun refuses root otherwise
     os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
 os.environ.setdefault("XDG_CACHE_HOME", str(_root / "build" / "cache"))  # where dolfinx keeps compiled forms
