@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -14,6 +14,8 @@ from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .elastic_scene import ElasticScene
+
+Where = tuple[str | int, ...]
 
 
 def cross_checks(scene: ElasticScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
@@ -70,8 +72,8 @@ def check_on_mesh(
             )
     if found:
         data = scene.model_dump(exclude_unset=True)
-        name = scene.path or "scene"
-        raise InputError(*(problem_line(str(name), data, where, message) for where, message in found))
+        file = str(scene.path or "scene")
+        raise InputError(*(problem_line(file, data, where, message) for where, message in found))
 
 
 def _materials(scene: ElasticScene) -> Iterator[Problem]:
@@ -129,7 +131,8 @@ def _plane_or_space(scene: ElasticScene) -> Iterator[Problem]:
 
 
 def _dimension(scene: ElasticScene, d: int) -> Iterator[Problem]:
-    vectors = [(("traction", i, "value"), entry.value) for i, entry in enumerate(scene.traction)]
+    vectors: list[tuple[Where, tuple[Any, ...] | None]] = []
+    vectors += [(("traction", i, "value"), entry.value) for i, entry in enumerate(scene.traction)]
     vectors += [(("motion", i, "displacement"), entry.displacement) for i, entry in enumerate(scene.motion)]
     for i, motion in enumerate(scene.motion):
         for k, frame in enumerate(motion.keyframes or ()):
@@ -162,12 +165,12 @@ def _dimension(scene: ElasticScene, d: int) -> Iterator[Problem]:
             yield ("fixed", i, "components"), 'has no "z": the body is 2-dimensional'
     if scene.initial.state == "mirror" and scene.initial.axis == "z":
         yield ("initial", "axis"), 'must be "x" or "y": the body is 2-dimensional'
-    for where, energy in [(("material", "energy"), scene.material.energy)] + [
-        (("regions", name, "energy"), region.energy) for name, region in scene.regions.items()
-    ]:
-        for name in ("i2", "I2", "s3"):
-            if energy is not None and re.search(rf"\b{name}\b", energy):
-                yield where, f"{name} does not exist in 2 dimensions; use i1, J, I1 or s1, s2"
+    energies: list[tuple[Where, str | None]] = [(("material", "energy"), scene.material.energy)]
+    energies += [(("regions", name, "energy"), region.energy) for name, region in scene.regions.items()]
+    for where, energy in energies:
+        for symbol in ("i2", "I2", "s3"):
+            if energy is not None and re.search(rf"\b{symbol}\b", energy):
+                yield where, f"{symbol} does not exist in 2 dimensions; use i1, J, I1 or s1, s2"
 
 
 def _known_boundaries(scene: ElasticScene) -> Iterator[Problem]:

@@ -36,15 +36,15 @@ Axis = Literal["x", "y", "z"]
 CELL_FIELDS = ("J", "smallest_stretch", "von_mises", "energy_density", "inverted", "region")
 POINT_FIELDS = ("displacement", "velocity")
 DIAGNOSTICS = (
-    "time", "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "smallest_stretch", "residual",
-    "newton_iterations", "krylov_iterations", "svd_skipped", "max_displacement",
+    "time", "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "smallest_stretch",
+    "residual", "newton_iterations", "krylov_iterations", "svd_skipped", "max_displacement",
 )  # fmt: skip
 
 
 class MeshSettings(Table):
     """[mesh]: a named shape with its parameters, or a file."""
 
-    # A shape's own parameters (size, radius ...) are known to `meshes`, which names the nearest to a wrong one.
+    # A shape's own parameters (size, radius ...) are known to `meshes`.
     model_config = ConfigDict(frozen=True, extra="allow")
 
     shape: Text | None = Field(None, description="name of a generated shape: box, bar, sphere ...")
@@ -131,7 +131,7 @@ class Motion(Place):
 
     displacement: FreeVector | None = Field(
         None,
-        description='displacement [m], expressions of x, y, z [m] and t [s]; "free" leaves a component free',
+        description='displacement [m], expressions of x, y, z [m], t [s]; "free" leaves a component free',
     )
     keyframes: tuple[Keyframe, ...] | None = Field(None, min_length=1, description="rigid placements in time")
 

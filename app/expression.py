@@ -1,8 +1,8 @@
 """Expressions a user writes in a scene: read safely, turned into sympy, evaluated on arrays.
 
 Only arithmetic, comparisons, `and`, `or`, `not` and a fixed list of functions are understood; nothing is ever
-executed as Python. Numbers are kept exact (0.1 is 1/10), so that constants cancel exactly when an energy is expanded.
-sympy is imported by the first expression of a run; a scene of plain numbers never loads it.
+executed as Python. Numbers are kept exact (0.1 is 1/10), so that constants cancel exactly when an energy is
+expanded. sympy is imported by the first expression of a run; a scene of plain numbers never loads it.
 """
 
 from __future__ import annotations
@@ -234,11 +234,11 @@ class _Reader:
 
         self.sp = sympy
         self.text = text
-        # Python's parser normalises names in this way, so μ may be typed as the Greek letter or the micro sign.
+        # As Python's parser does: μ may be typed as the Greek letter or as the micro sign.
         self.names = [unicodedata.normalize("NFKC", name) for name in names]
 
     def read(self, node: ast.expr) -> _Part:
-        """Return the part below `node`; its value is worked out first, so that nothing huge is ever computed."""
+        """Return the part below `node`; powers and values are checked before sympy computes any."""
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._error(node, "only numbers, names, + - * / **, comparisons and functions are known")
@@ -362,7 +362,8 @@ class _Reader:
             condition, yes, no = arguments
             return sp.Piecewise((yes, condition), (no, True))
         special = {"abs": sp.Abs, "min": sp.Min, "max": sp.Max, "ceil": sp.ceiling, "cbrt": self._cube_root}
-        return special.get(name, getattr(sp, name, None))(*arguments)
+        function = special[name] if name in special else getattr(sp, name)
+        return function(*arguments)
 
     def _cube_root(self, argument: Any) -> Any:
         """The real root, of negative numbers too."""

@@ -1,4 +1,4 @@
-"""[material] and [regions.NAME]: the constitutive law, its moduli and its extension into the inverted region."""
+"""[material] and [regions.NAME]: constitutive law, moduli, extension into the inverted region."""
 
 from __future__ import annotations
 
@@ -42,9 +42,8 @@ class MaterialKeys(Table):
     )
     energy: Text | None = Field(
         None,
-        description="custom law: energy density [Pa] as an expression of i1, i2, J (sums of the stretches and of their "
-        "pairwise products, and their product), of I1, I2, J (of their squares) or of s1, s2, s3; "
-        "d is the dimension",
+        description="custom law: energy density [Pa], an expression of the invariants i1, i2, J of the stretches, "
+        "of I1, I2, J of their squares, or of the stretches s1, s2, s3; d is the dimension",
     )
     parameters: dict[str, FieldQuantity] = Field(
         default_factory=dict, description="custom law: name = number or expression of x, y, z [m]"
@@ -191,7 +190,7 @@ class Material(MaterialKeys):
 def merged(base: MaterialKeys, region: MaterialKeys) -> dict[str, Any]:
     """Return the keys of `base` overridden by those of `region`.
 
-    A region which names another law, extension or pair of moduli does not inherit what belonged to the old one.
+    A region with another law, extension or pair of moduli does not inherit what belonged to the old one.
     """
     old, new = base.given(), region.given()
     dropped: set[str] = set()

@@ -63,8 +63,8 @@ def run_on_all(comm: MPI.Comm, main: Callable[[], int], program: str = "extremal
     """Run `main` on every rank and turn any exception into one message and an exit code (collective).
 
     An `ExtremalError`, a `MeshError` or a `LawError`, is expected on all ranks: rank 0 prints
-    its lines and every rank returns the exit code. Any other exception is a fault of the program: the traceback
-    is printed once. Where only some ranks fail the rest would wait for them for ever, so they are
+    its lines and every rank returns the exit code. Any other exception is a fault of the program: its
+    traceback is printed once. Where only some ranks fail the rest would wait for them for ever, so they are
     ended through `comm.Abort` after a moment.
 
     Parameters
@@ -125,7 +125,7 @@ def _input_errors() -> tuple[type[Exception], ...]:
 def _all_here(private: MPI.Comm) -> bool:
     """Wait for all ranks to come here; tell whether they did.
 
-    Rank 0 waits least and the others in the order of their ranks, so that the first to give up speaks for all.
+    Rank 0 waits least, the others in the order of their ranks: the first to give up speaks for all.
     """
     request = private.Ibarrier()
     wait = PATIENCE * (1.0 if private.rank == 0 else 2.0 + 0.25 * min(private.rank, 20))

@@ -1,4 +1,4 @@
-"""From what pydantic finds wrong to one plain line for each error: file, table, key, value, what is accepted."""
+"""From what pydantic finds wrong to one plain line for each error: file, key, value, what is accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tables of a scene file are made of: numbers, vectors, expressions, and tables with checks across keys."""
+"""What the tables of a scene are made of: numbers, vectors, expressions, checks across keys."""
 
 from __future__ import annotations
 

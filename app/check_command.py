@@ -1,0 +1,62 @@
+"""`extremal check SCENE...`: validate scenes without running them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from .elastic_scene import ElasticScene
+from .errors import EXIT_FINISHED, InputError
+from .parallel import on_root
+from .scene import read_scene
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Declare the arguments of `extremal check`."""
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files (TOML)")
+
+
+def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
+    """Print a line for each good scene and raise InputError with a line for each error of all scenes."""
+    on_root(comm, lambda: _check(args.scenes))
+    return EXIT_FINISHED
+
+
+def _check(paths: Sequence[str]) -> None:
+    errors: list[str] = []
+    for path in paths:
+        try:
+            scene = read_scene(path)
+        except InputError as error:
+            errors += error.messages
+        else:
+            print(f"{path}: good: {summary(scene)}", flush=True)
+    if errors:
+        raise InputError(*errors)
+
+
+def summary(scene: ElasticScene) -> str:
+    """Return what a scene asks for, in a line."""
+    dimension = "" if scene.dimension is None else f" {scene.dimension}D"
+    body = scene.mesh.shape or scene.mesh.file
+    extension = scene.material.extension
+    parts = [
+        f"{scene.part}, {body}{dimension}, P{scene.element.degree}",
+        scene.material.law + (f" with {extension} extension" if extension != "none" else ""),
+        scene.analysis.type,
+    ]
+    counted = {
+        key: len(getattr(scene, key)) for key in ("regions", "fixed", "motion", "traction", "pressure")
+    }
+    parts += [f"{number} {key}" for key, number in counted.items() if number]
+    present = ("gravity", "damping", "continuation")
+    parts += [key for key in present if getattr(scene, key) is not None]
+    if scene.initial.state != "rest":
+        parts.append(f"starts from {scene.initial.state}")
+    if scene.expect:
+        parts.append(f"{len(scene.expect)} expected")
+    return ", ".join(parts)
