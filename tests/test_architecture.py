@@ -24,7 +24,6 @@ APP_ONLY = {
     "matplotlib",
     "pyvista",
     "mitsuba",
-    "logging",
 }
 
 
