@@ -19,14 +19,14 @@ LEG, LEGS_AT = 0.08, ((0.25, 0.1), (0.25, -0.1), (-0.25, 0.1), (-0.25, -0.1))
 TAIL = ((-0.33, 0.0, 0.68), (-0.5, 0.0, 0.36), 0.08, 0.05)  # start, direction and length, radii
 EARS_AT, EAR = ((0.5, 0.09, 0.98), (0.5, -0.09, 0.98)), ((-0.02, 0.07, 0.26), 0.08, 0.04)
 SMALLEST = 2 * LEG
-NAMES = ("feet", "legs", "head", "ears", "tail", "body")
+NAMES = ("feet", "legs", "head", "ears", "tail", "trunk")
 
 
 def creature(size: float = 1.0, cell_size: float = 0.1, dimension: int = 3, order: int = 1) -> MeshData:
     """An animal: body, head with two ears, four legs, tail (in 2D its silhouette from the side).
 
     It stands on the plane z = 0 (y = 0 in 2D) and looks along x.
-    Boundaries: feet (the flat soles), legs, head, ears, tail, body.
+    Boundaries: feet (the flat soles), legs, head, ears, tail, trunk.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def _solids(gmsh: Any) -> dict[str, list[int]]:
     (tail_at, tail, thick, thin), (ear, wide, narrow) = TAIL, EAR
     mirrored = [(ear[0], math.copysign(ear[1], y), ear[2]) for _, y, _ in EARS_AT]
     return {
-        "body": [trunk],
+        "trunk": [trunk],
         "head": [occ.addSphere(*HEAD_AT, HEAD)],
         "legs": [occ.addCylinder(x, y, 0, 0, 0, TRUNK_AT[2], LEG) for x, y in LEGS_AT],
         "tail": [occ.addCone(*tail_at, *tail, thick, thin)],
@@ -92,7 +92,7 @@ def _silhouette(gmsh: Any) -> dict[str, list[int]]:
     legs = [x + shift for x in (0.25, -0.25) for shift in (-0.11, 0.11)]
     ear, wide, narrow = EAR
     return {
-        "body": [occ.addDisk(TRUNK_AT[0], TRUNK_AT[2], 0, TRUNK[0], TRUNK[2])],
+        "trunk": [occ.addDisk(TRUNK_AT[0], TRUNK_AT[2], 0, TRUNK[0], TRUNK[2])],
         "head": [occ.addDisk(HEAD_AT[0], HEAD_AT[2], 0, HEAD, HEAD)],
         "legs": [occ.addRectangle(x - LEG, 0, 0, 2 * LEG, TRUNK_AT[2]) for x in legs],
         "tail": [cone(*TAIL)],
@@ -111,12 +111,12 @@ def _names(gmsh: Any, d: int, boxes: dict[str, list[tuple[float, ...]]]) -> dict
         if high[d - 1] < 1e-3:
             found["feet"].append(tag)
             continue
-        for name in ("legs", "ears", "tail", "head", "body"):
+        for name in ("legs", "ears", "tail", "head", "trunk"):
             inside = [
                 (low > np.array(b[:3]) - 1e-3).all() and (high < np.array(b[3:]) + 1e-3).all()
                 for b in boxes[name]
             ]
-            if any(inside) or name == "body":
+            if any(inside) or name == "trunk":
                 found[name].append(tag)
                 break
     return found

@@ -44,6 +44,8 @@ class MeshData:
         Tag of each of them, a value of `boundary_names`; a facet has one tag.
     region_names, boundary_names : dict of str to int
         Tag of each name.
+    notes : tuple of str
+        What was changed or is worth knowing, one line each, from the import of a file.
     """
 
     points: NDArray[np.float64]
@@ -54,6 +56,7 @@ class MeshData:
     facet_tags: NDArray[np.int32]
     region_names: dict[str, int]
     boundary_names: dict[str, int]
+    notes: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:

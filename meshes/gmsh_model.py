@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from . import compat
 from .data import MeshData, MeshError
-from .quality import EDGES, jacobians
+from .quality import EDGES, cell_volumes, jacobians
 
 LARGEST = 20_000_000  # cells; more would not fit the memory of one machine together with their matrices
 
@@ -148,7 +148,7 @@ def straighten(data: MeshData) -> MeshData:
     of such cells keeps the curve, but takes seconds to minutes.
     """
     points, edges = data.points, EDGES[data.dimension]
-    for _ in range(5):  # a straight edge may fold a neighbour which was good
+    for _ in range(100):  # a straight edge may fold a neighbour which was good
         bad = folded(replace(data, points=points))
         if not bad.any():
             break
@@ -210,7 +210,8 @@ def collect(
 
 def orient(data: MeshData) -> MeshData:
     """The same mesh with every cell positively oriented (gmsh may orient a plane surface either way)."""
-    negative = data.volumes() < 0
+    # By the corners: a curved side may turn the sign of the true volume of a cell.
+    negative = cell_volumes(data.points, data.corners, 1) < 0
     if not negative.any():
         return data
     cells = data.cells.copy()

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from .data import MeshData
 from .gmsh_model import orient
-from .quality import EDGES
-from .rows import number_rows
+from .order import second_order
 
 
 def structured(
@@ -51,7 +50,7 @@ def structured(
             cells.append(first[mirrored, None] + turned)
     corners = np.concatenate(cells)
     facets, tags = _sides(points, corners, axes)
-    nodes, points = (corners, points) if order == 1 else _second_order(points, corners)
+    nodes, points = (corners, points) if order == 1 else second_order(points, corners)
     return orient(
         MeshData(
             points=np.ascontiguousarray(points),
@@ -79,15 +78,3 @@ def _sides(
             facets.append(candidates[there])
             tags.append(np.full(int(there.sum()), 2 * axis + side + 1, dtype=np.int32))
     return np.concatenate(facets), np.concatenate(tags)
-
-
-def _second_order(
-    points: NDArray[np.float64], corners: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells with a node in the middle of each edge, numbered after the corners, and all points."""
-    edges = np.sort(np.concatenate([corners[:, pair] for pair in EDGES[points.shape[1]]]), axis=1)
-    number = number_rows(edges)
-    _, where = np.unique(number, return_index=True)
-    middles = points[edges[where]].mean(axis=1)
-    added = len(points) + number.reshape(-1, len(corners)).T
-    return np.hstack([corners, added]), np.vstack([points, middles])
