@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -33,14 +34,13 @@ class Command:
 
 COMMANDS = {
     "elastic": Command("elastic_command", "run a scene of invertible elasticity", True),
-    "check": Command(
-        "check_command", "validate scenes without running them; lists all errors at once", False
-    ),
+    "check": Command("check_command", "validate scenes without running them; lists all errors", False),
     "mesh": Command("mesh_command", "build, convert and check a mesh", False),
-    "study": Command("study_command", "run a study: accuracy against time, pictures of energies", True),
+    "study": Command("study_command", "run a study: accuracy against time, pictures", True),
 }
 
-EPILOGUE = """Options with a single dash go to PETSc: -elastic_snes_monitor, -log_view, -options_file FILE, -help.
+EPILOGUE = """\
+Options with a single dash go to PETSc: -elastic_snes_monitor, -log_view, -options_file FILE, -help.
 Exit codes: 0 finished; 2 wrong input, nothing was computed; 3 solver failed or expectation missed."""
 
 
@@ -116,7 +116,7 @@ def _run(name: str, words: list[str], comm: MPI.Comm) -> int:
         raise InputError(f"{petsc[0]}: unknown option; {parser.hint(petsc[0])} ({name} runs no PETSc solver)")
     parser.refuse_unknown(ours)
     try:
-        args = parser.parse_args(ours)
+        args = parser.parse_args(_attach_negative(ours))
     except InputError as error:
         swallowed = [word for word in petsc if not word.startswith("-")]
         if "is missing" in str(error) and swallowed:
@@ -124,6 +124,17 @@ def _run(name: str, words: list[str], comm: MPI.Comm) -> int:
         raise
     code: int = module.run(args, petsc, comm)
     return code
+
+
+def _attach_negative(words: Sequence[str]) -> list[str]:
+    """Join values such as -1,0,0 to their option: argparse would take them for options."""
+    joined: list[str] = []
+    for word in words:
+        if joined and re.match(r"-[\d.]", word) and joined[-1].startswith("--") and "=" not in joined[-1]:
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 class Parser(argparse.ArgumentParser):

@@ -99,7 +99,7 @@ def _densities(scene: ElasticScene) -> Iterator[Problem]:
 def _analysis(scene: ElasticScene) -> Iterator[Problem]:
     if scene.analysis.type == "static":
         if scene.damping is not None:
-            yield ("damping",), '[damping] needs [analysis] type = "dynamic"'
+            yield ("damping",), 'needs [analysis] type = "dynamic"'
         if scene.initial.velocity is not None:
             yield ("initial", "velocity"), 'needs [analysis] type = "dynamic"'
     elif scene.output.iterations is not None:
@@ -194,12 +194,8 @@ def _boundaries(scene: ElasticScene, known: tuple[str, ...]) -> Iterator[Problem
 def _petsc_names(scene: ElasticScene) -> Iterator[Problem]:
     for key in scene.petsc:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", key):
-            hint = (
-                "without the dash"
-                if key.startswith("-")
-                else "letters, digits and _, beginning with a letter"
-            )
-            yield ("petsc", key), f"a PETSc option's name is written {hint}"
+            hint = "without the dash" if key.startswith("-") else "with letters, digits and _ only"
+            yield ("petsc", key), f"the name of a PETSc option is written {hint}"
 
 
 def _expectations(scene: ElasticScene) -> Iterator[Problem]:

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
         nargs="?",
         metavar="FROM",
         const="",
-        help="continue from the last checkpoint in the results folder, or in the folder or checkpoint file FROM",
+        help="continue from the last checkpoint of the results folder, or of the folder or file FROM",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in the folder")
     parser.add_argument(

@@ -8,30 +8,22 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr
 
+from .conditions_scene import Axis, Fixed, Gravity, Motion, Pressure, Traction
 from .errors import suggestion
 from .material_scene import Material, MaterialKeys, merged
 from .scene_fields import (
     Boolean,
-    Condition,
     FieldVector,
-    FreeVector,
     Integer,
-    MovingQuantity,
-    MovingVector,
-    Names,
     NotNegative,
     Number,
     NumberOrText,
     Positive,
     Problem,
-    Rotation,
     Table,
     Text,
-    Vector,
     wrong,
 )
-
-Axis = Literal["x", "y", "z"]
 
 CELL_FIELDS = ("J", "smallest_stretch", "von_mises", "energy_density", "inverted", "region")
 POINT_FIELDS = ("displacement", "velocity")
@@ -91,88 +83,6 @@ class ElementSettings(Table):
     volumetric: Literal["standard", "projected"] = Field(
         "standard", description="projected: the volumetric term is averaged, against locking at ν near 0.5"
     )
-
-
-class Place(Table):
-    """Where a condition acts."""
-
-    boundary: Names | None = Field(None, description="name or names of boundaries of the mesh")
-    where: Condition | None = Field(
-        None, description="nodes whose reference coordinates x, y, z [m] fulfil this comparison"
-    )
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield what is wrong about the place."""
-        if self.boundary is not None and self.where is not None:
-            yield ("where",), "given together with boundary; leave one of them out"
-        if self.boundary is None and self.where is None:
-            yield ("boundary",), 'is missing; give boundary = "name" or where = "z < 0.01"'
-
-
-class Fixed(Place):
-    """[[fixed]]: components of the displacement held at zero."""
-
-    components: tuple[Axis, ...] = Field(("x", "y", "z"), min_length=1, description="components held")
-
-
-class Keyframe(Table):
-    """One rigid placement of a moved boundary."""
-
-    time: NotNegative = Field(description="time [s] or load parameter")
-    translation: Vector | None = Field(None, description="translation [m]")
-    rotation: Rotation | None = Field(
-        None, description="rotation vector [rad]; in the plane one angle, or [0, 0, angle]"
-    )
-    center: Vector | None = Field(None, description="a point of the rotation's axis [m]; default: the origin")
-
-
-class Motion(Place):
-    """[[motion]]: prescribed displacement, by expressions or by keyframes between which it is interpolated."""
-
-    displacement: FreeVector | None = Field(
-        None,
-        description='displacement [m], expressions of x, y, z [m], t [s]; "free" leaves a component free',
-    )
-    keyframes: tuple[Keyframe, ...] | None = Field(None, min_length=1, description="rigid placements in time")
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield what is wrong about place and motion."""
-        yield from super().problems()
-        if self.displacement is not None and self.keyframes is not None:
-            yield ("keyframes",), "given together with displacement; leave one of them out"
-        if self.displacement is None and self.keyframes is None:
-            yield ("displacement",), "is missing; give displacement = [..] or keyframes = [..]"
-        if self.displacement is not None and all(entry is None for entry in self.displacement):
-            yield ("displacement",), "leaves every component free; prescribe one or leave the motion out"
-        frames = self.keyframes or ()
-        for i in range(1, len(frames)):
-            if frames[i].time <= frames[i - 1].time:
-                yield (
-                    ("keyframes", i, "time"),
-                    f"must be above the time of the keyframe before it, {frames[i - 1].time:g}",
-                )
-
-
-class Traction(Table):
-    """[[traction]]: force per reference area."""
-
-    boundary: Names = Field(description="name or names of boundaries of the mesh")
-    value: MovingVector = Field(description="force per reference area [Pa], expressions of x, y, z, t")
-
-
-class Pressure(Table):
-    """[[pressure]]: pressure which follows the deformed surface."""
-
-    boundary: Names = Field(description="name or names of boundaries of the mesh")
-    value: MovingQuantity = Field(
-        description="pressure on the deformed surface [Pa], expression of x, y, z, t"
-    )
-
-
-class Gravity(Table):
-    """[gravity]."""
-
-    acceleration: Vector = Field(description="acceleration [m/s2], as [0, 0, -9.81]")
 
 
 class Damping(Table):
@@ -256,7 +166,7 @@ class Analysis(Table):
             yield ("time_step",), f"must not be above end_time = {self.end_time:g}"
         if self.smallest_step > self.time_step:
             yield ("smallest_step",), f"must not be above time_step = {self.time_step:g}"
-        if self.largest_step < self.time_step:
+        if "largest_step" in self.model_fields_set and self.largest_step < self.time_step:
             yield ("largest_step",), f"must not be below time_step = {self.time_step:g}"
         if self.type == "static":
             for key in ("integrator", "error_tolerance"):
@@ -326,9 +236,9 @@ class Expectation(Table):
         """Yield an expectation without meaning."""
         if self.value is None and self.below is None and self.above is None:
             yield (), "must be a number, or say value, below or above, as { below = 1e-6 }"
-        if isinstance(self.value, str) and (self.below, self.above, self.tolerance) != (None, None, None):
+        elif isinstance(self.value, str) and (self.below, self.above, self.tolerance) != (None, None, None):
             yield ("value",), "must be a number where below, above or tolerance is given"
-        if self.tolerance is not None and self.value is None:
+        elif self.tolerance is not None and self.value is None:
             yield ("tolerance",), "needs a value"
 
 

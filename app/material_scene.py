@@ -42,14 +42,14 @@ class MaterialKeys(Table):
     )
     energy: Text | None = Field(
         None,
-        description="custom law: energy density [Pa], an expression of the invariants i1, i2, J of the stretches, "
-        "of I1, I2, J of their squares, or of the stretches s1, s2, s3; d is the dimension",
+        description="custom law: energy density [Pa], an expression of the invariants i1, i2, J of the "
+        "stretches, of I1, I2, J of their squares, or of the stretches s1, s2, s3; d is the dimension",
     )
     parameters: dict[str, FieldQuantity] = Field(
         default_factory=dict, description="custom law: name = number or expression of x, y, z [m]"
     )
-    c1: NotNegative | None = Field(None, description="mooney_rivlin: coefficient of I1 [Pa]")
-    c2: NotNegative | None = Field(None, description="mooney_rivlin: coefficient of I2 [Pa]")
+    c1: NotNegative | None = Field(None, description="mooney_rivlin: coefficient of I1 [Pa]; default μ/4")
+    c2: NotNegative | None = Field(None, description="mooney_rivlin: coefficient of I2 [Pa]; default μ/4")
     extension: Extension = Field(
         "c2", description="continuation of the energy where an element is nearly flat or inverted"
     )
@@ -68,27 +68,20 @@ class MaterialKeys(Table):
         yield from self._wrong_numbers()
         engineering = [key for key in ENGINEERING if getattr(self, key) is not None]
         lamé = [key for key in LAMÉ if getattr(self, key) is not None]
-        if engineering and lamé and self.law != "mooney_rivlin":
+        if engineering and lamé and self.c1 is None and self.c2 is None:
             yield (
                 (lamé[0],),
                 f"given together with {engineering[0]}; give young_modulus and poisson_ratio, "
                 "or shear_modulus and lame_lambda, not some of each",
             )
-        if {"law", "energy"} <= self.model_fields_set and self.law != "custom":
-            yield ("energy",), f'belongs to law = "custom", but law is "{self.law}"'
-        if {"law", "parameters"} <= self.model_fields_set and self.law != "custom":
-            yield ("parameters",), f'belong to law = "custom", but law is "{self.law}"'
-        for key in ("c1", "c2"):
-            if {"law", key} <= self.model_fields_set and self.law != "mooney_rivlin":
-                yield (key,), f'belongs to law = "mooney_rivlin", but law is "{self.law}"'
-        if (
-            self.stiffness is not None
-            and self.extension != "c1"
-            and (type(self) is Material or self._says("extension"))
-        ):
+        owners = {"energy": "custom", "parameters": "custom", "c1": "mooney_rivlin", "c2": "mooney_rivlin"}
+        for key, owner in owners.items():
+            if self._says(key) and self._decides("law") and self.law != owner:
+                yield (key,), f'belongs to law = "{owner}", but law is "{self.law}"'
+        if self._says("stiffness") and self._decides("extension") and self.extension != "c1":
             yield ("stiffness",), f'belongs to extension = "c1", but extension is "{self.extension}"'
         if self._says("threshold"):
-            if self._says("extension") and self.extension == "none":
+            if self._decides("extension") and self.extension == "none":
                 yield ("threshold",), 'has no meaning with extension = "none"; leave one of them out'
             elif self.threshold >= 1:
                 yield (
@@ -99,6 +92,10 @@ class MaterialKeys(Table):
 
     def _says(self, key: str) -> bool:
         return key in self.model_fields_set
+
+    def _decides(self, key: str) -> bool:
+        """Tell whether this table settles a key: a region which is silent takes it from [material]."""
+        return self._says(key) or isinstance(self, Material)
 
     def _wrong_numbers(self) -> Iterator[Problem]:
         ν = self.poisson_ratio
@@ -172,17 +169,21 @@ class Material(MaterialKeys):
                 yield (missing,), f"is missing; {here[0]} alone does not determine the material"
 
     def _incomplete_mooney_rivlin(self) -> Iterator[Problem]:
+        if self.c1 is None and self.c2 is None:
+            # c1 = c2 = μ/4
+            yield from self._incomplete_pair(needed=True)
+            return
         for key in ("c1", "c2"):
             if getattr(self, key) is None:
-                yield (key,), 'is missing; law = "mooney_rivlin" needs c1 and c2 [Pa]'
+                yield (key,), "is missing; mooney_rivlin takes both c1 and c2, or neither"
         if self.c1 is not None and self.c2 is not None and self.c1 + self.c2 <= 0:
             yield ("c1",), "c1 + c2 must be above 0 (half the shear modulus)"
         for key in ("young_modulus", "shear_modulus"):
             if getattr(self, key) is not None:
-                yield (key,), "is determined by c1 and c2 in mooney_rivlin (μ = 2 (c1 + c2)); leave it out"
+                yield (key,), "is determined by c1 and c2 (μ = 2 (c1 + c2)); leave one of them out"
         volumetric = [key for key in ("poisson_ratio", "lame_lambda") if getattr(self, key) is not None]
         if not volumetric:
-            yield ("poisson_ratio",), "is missing; mooney_rivlin needs poisson_ratio or lame_lambda"
+            yield ("poisson_ratio",), "is missing; c1 and c2 need poisson_ratio or lame_lambda beside them"
         elif len(volumetric) == 2:
             yield ("lame_lambda",), "given together with poisson_ratio; leave one of them out"
 

@@ -40,11 +40,18 @@ def problem_line(name: str, data: Mapping[str, Any], where: Sequence[str | int],
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> Iterator[Problem]:
     """Yield the location and the plain message of each error of a validation by `model`."""
-    for detail in error.errors(include_url=False):
-        where = tuple(key for key in detail["loc"])
+    details = error.errors(include_url=False)
+    for detail in details:
+        where = detail["loc"]
+        below = any(
+            len(other["loc"]) > len(where) and other["loc"][: len(where)] == where for other in details
+        )
+        # Consequences of another error, of no interest to a person.
+        if detail["type"] == "default_factory_not_called" or (detail["type"] == "too_short" and below):
+            continue
         if detail["type"] == "problems":
-            for below, message in detail["ctx"]["found"]:
-                yield (*where, *below), message
+            for keys, message in detail["ctx"]["found"]:
+                yield (*where, *keys), message
         else:
             yield where, _sentence(detail, where, model)
 
@@ -76,7 +83,7 @@ def _place(data: Mapping[str, Any], where: Sequence[str | int]) -> str:
     elif first == "regions" and rest:
         words = [f"[regions.{rest[0]}]"]
         rest = rest[1:]
-    elif rest or isinstance(top, Mapping):
+    elif rest or isinstance(top, Mapping) or top is _ABSENT:
         words = [f"[{first}]"]
     elif isinstance(top, list) and top and isinstance(top[0], Mapping):
         words = [f"[[{first}]]"]
@@ -132,7 +139,7 @@ def _choice(value: Any, expected: str) -> str:
     names = [quoted or number for quoted, number in re.findall(r"'([^']*)'|(\d+)", expected)]
     shown = [f'"{name}"' if f"'{name}'" in expected else name for name in names]
     listing = shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + " or " + shown[-1]
-    near = nearest(value, names) if isinstance(value, str) else None
+    near = nearest(value, names) if isinstance(value, str) and len(names) > 1 else None
     return (f'did you mean "{near}"? ' if near else "") + f"must be {listing}"
 
 

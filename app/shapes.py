@@ -17,7 +17,7 @@ def shape_problems(shape: str, parameters: Mapping[str, Any]) -> Iterator[Proble
     if shape not in SHAPES:
         yield ("shape",), "unknown shape; " + suggestion(shape, SHAPES)
         return
-    accepted = _parameters(shape)
+    accepted = shape_parameters(shape)
     for key in parameters:
         if key not in accepted:
             yield (key,), f'unknown parameter of shape "{shape}"; ' + suggestion(key, accepted)
@@ -36,9 +36,9 @@ def shape_dimension(shape: str, parameters: Mapping[str, Any]) -> int | None:
     if "dimension" in parameters:
         value = parameters["dimension"]
         return value if value in (2, 3) else None
-    if shape not in SHAPES or "dimension" not in _parameters(shape):
+    if shape not in SHAPES or "dimension" not in shape_parameters(shape):
         return None
-    default = _parameters(shape)["dimension"].default
+    default = shape_parameters(shape)["dimension"].default
     return default if default in (2, 3) else None
 
 
@@ -53,7 +53,15 @@ def shape_boundaries(shape: str, parameters: Mapping[str, Any]) -> tuple[str, ..
     return None if names is None else tuple(names)
 
 
-def _parameters(shape: str) -> Mapping[str, inspect.Parameter]:
+def shapes() -> list[str]:
+    """Return the names of the shapes."""
+    from extremal.meshes import SHAPES
+
+    return list(SHAPES)
+
+
+def shape_parameters(shape: str) -> Mapping[str, inspect.Parameter]:
+    """Return the parameters of a shape's generator."""
     from extremal.meshes import SHAPES
 
     return {
