@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import sympy as sp
 
 MU, LAMBDA = sp.symbols("mu lambda_", real=True)
+SHARE = sp.Symbol("share", real=True)
 I1, I2, J = sp.symbols("I1 I2 J", real=True)
 i1, i2 = sp.symbols("i1 i2", real=True)
 STRETCHES = sp.symbols("s1 s2 s3", real=True)
@@ -79,12 +80,12 @@ def st_venant_kirchhoff(dimension: int) -> sp.Expr:
 def mooney_rivlin(dimension: int) -> sp.Expr:
     """Ψ = c1 (I1 J^-2/3 - 3) + c2 (I2 J^-4/3 - 3) + κ/2 (J - 1)², three terms; plane strain in 2D.
 
-    With c1 = c2 = μ/4 its linearisation has shear modulus μ = 2 (c1 + c2); κ = λ + 2μ/3.
+    c1 = (1 - share) μ/2, c2 = share μ/2 and κ = λ + 2μ/3, so that μ and λ are those of linear elasticity.
     """
     full_i1, full_i2 = (I1, I2) if dimension == 3 else (I1 + 1, I1 + J**2)
     third = sp.Rational(1, 3)
-    deviatoric = full_i1 * J ** (-2 * third) - 3 + full_i2 * J ** (-4 * third) - 3
-    return MU / 4 * deviatoric + (LAMBDA + 2 * third * MU) / 2 * (J - 1) ** 2
+    first, second = full_i1 * J ** (-2 * third) - 3, full_i2 * J ** (-4 * third) - 3
+    return MU / 2 * ((1 - SHARE) * first + SHARE * second) + (LAMBDA + 2 * third * MU) / 2 * (J - 1) ** 2
 
 
 ENERGIES: Mapping[str, Callable[[int], sp.Expr]] = {
@@ -100,7 +101,8 @@ def law(name: str, dimension: int) -> Law:
     """The built-in law of that name; raises `LawError` naming those there are."""
     if name not in ENERGIES:
         raise LawError(f"law {name!r} is unknown: one of {', '.join(ENERGIES)}, custom")
-    return Law(name, dimension, ENERGIES[name](dimension))
+    energy = ENERGIES[name](dimension)
+    return Law(name, dimension, energy, (MU, LAMBDA, SHARE) if SHARE in energy.free_symbols else (MU, LAMBDA))
 
 
 def custom(energy: sp.Expr, dimension: int, parameters: tuple[str, ...] = ()) -> Law:

@@ -39,7 +39,7 @@ class Material:
         Either young_modulus [Pa] and poisson_ratio, or shear_modulus and lame_lambda [Pa]; numbers or functions
         of position (n, 3) [m]. May be empty for a custom law that uses neither.
     parameters : mapping
-        The further parameters of a custom law.
+        The further parameters of a custom law; of mooney_rivlin its `share` (0.5 if left out).
     density : Field
         Reference density [kg/m³].
     extension : str
@@ -94,7 +94,7 @@ class Material:
         if self.extension == "c1":
             safe = np.maximum(20 * young, lam / epsilon**2)
             stiffness = safe if self.stiffness is None else np.full(len(x), float(self.stiffness))
-        extra = [_at(self.parameters[str(name)], x) for name in self.law.parameters[2:]]
+        extra = [_at(self.parameters.get(str(name), 0.5), x) for name in self.law.parameters[2:]]
         return np.column_stack([mu, lam, *extra, np.full(len(x), epsilon), stiffness])
 
     def warnings(self, x: NDArray) -> list[str]:
