@@ -88,7 +88,7 @@ def _is_option(word: str) -> bool:
 
 def check_files(arguments: Sequence[str]) -> None:
     """Raise InputError for an -options_file which cannot be read: PETSc's own message fills a screen."""
-    for option, value in zip(arguments, [*arguments[1:], ""], strict=True):
+    for option, value in zip(arguments, [*arguments[1:], ""], strict=False):
         if option.lower() not in ("-options_file", "-options_file_yaml"):
             continue
         if not value or _is_option(value):
