@@ -71,9 +71,8 @@ def check_on_mesh(
                 (("regions", name), "the mesh has no region of this name; " + suggestion(name, regions))
             )
     if found:
-        data = scene.model_dump(exclude_unset=True)
         file = str(scene.path or "scene")
-        raise InputError(*(problem_line(file, data, where, message) for where, message in found))
+        raise InputError(*(problem_line(file, scene._source, where, message) for where, message in found))
 
 
 def _materials(scene: ElasticScene) -> Iterator[Problem]:
@@ -188,7 +187,7 @@ def _boundaries(scene: ElasticScene, known: tuple[str, ...]) -> Iterator[Problem
         for i, entry in enumerate(getattr(scene, table)):
             for name in entry.boundary or ():
                 if name not in known:
-                    yield (table, i, "boundary"), "the mesh has no such boundary; " + suggestion(name, known)
+                    yield (table, i, "boundary"), f'the mesh has no "{name}"; ' + suggestion(name, known)
 
 
 def _petsc_names(scene: ElasticScene) -> Iterator[Problem]:

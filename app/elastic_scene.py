@@ -283,6 +283,8 @@ class ElasticScene(Table):
     )
 
     _path: Path | None = PrivateAttr(default=None)
+    # What the file says, word for word, for messages.
+    _source: dict[str, Any] = PrivateAttr(default_factory=dict)
 
     @property
     def path(self) -> Path | None:

@@ -88,7 +88,6 @@ class MaterialKeys(Table):
                     ("threshold",),
                     "must be above 0 and below 1: the body at rest may not be in the extension",
                 )
-        yield from self._wrong_energy()
 
     def _says(self, key: str) -> bool:
         return key in self.model_fields_set
@@ -111,6 +110,23 @@ class MaterialKeys(Table):
                 ("lame_lambda",),
                 f"must be above -2/3 shear_modulus = {-2 * μ / 3:.6g} for a stable material",
             )
+
+
+class Material(MaterialKeys):
+    """[material]: law, moduli and extension; complete."""
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield contradictions and what is missing."""
+        yield from super().problems()
+        yield from self._wrong_energy()
+        if self.law == "custom":
+            if self.energy is None:
+                yield ("energy",), 'is missing; law = "custom" needs an energy as an expression of i1, i2, J'
+            yield from self._incomplete_pair(needed=False)
+        elif self.law == "mooney_rivlin":
+            yield from self._incomplete_mooney_rivlin()
+        else:
+            yield from self._incomplete_pair(needed=True)
 
     def _wrong_energy(self) -> Iterator[Problem]:
         reserved = {*INVARIANTS, *STRETCHES, "d", "x", "y", "z", "t", "pi", "e"}
@@ -138,22 +154,6 @@ class MaterialKeys(Table):
         for name in self.parameters:
             if name not in used and re.fullmatch(r"\w+", name):
                 yield ("parameters", name), "is not used by the energy; " + suggestion(name, sorted(used))
-
-
-class Material(MaterialKeys):
-    """[material]: law, moduli and extension; complete."""
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield contradictions and what is missing."""
-        yield from super().problems()
-        if self.law == "custom":
-            if self.energy is None:
-                yield ("energy",), 'is missing; law = "custom" needs an energy as an expression of i1, i2, J'
-            yield from self._incomplete_pair(needed=False)
-        elif self.law == "mooney_rivlin":
-            yield from self._incomplete_mooney_rivlin()
-        else:
-            yield from self._incomplete_pair(needed=True)
 
     def _incomplete_pair(self, needed: bool) -> Iterator[Problem]:
         given = [key for key in (*ENGINEERING, *LAMÉ) if getattr(self, key) is not None]

@@ -52,7 +52,7 @@ def read_scene(path: str | Path) -> ElasticScene:
     if scene.mesh_file is not None and not scene.mesh_file.is_file():
         where = ("mesh", "file")
         raise InputError(
-            problem_line(str(path), scene.model_dump(), where, f"no such file: {scene.mesh_file.resolve()}")
+            problem_line(str(path), scene._source, where, f"no such file: {scene.mesh_file.resolve()}")
         )
     return scene
 
@@ -106,6 +106,8 @@ def validate(data: Mapping[str, Any], name: str = "scene") -> ElasticScene:
     except ValidationError as error:
         found = list(problems_of(error, ElasticScene))
         found += _checks_of_the_rest(data, {str(where[0]) for where, _ in found if where})
+    else:
+        scene._source = dict(data)
     if found:
         raise InputError(*(problem_line(name, data, where, message) for where, message in found))
     return scene
