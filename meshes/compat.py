@@ -122,7 +122,10 @@ def meshio_read(path: Path, file_format: str) -> Any:
             warnings.simplefilter("ignore")
             return meshio.read(path, file_format=file_format)
     except (Exception, SystemExit) as error:
-        reason = said.getvalue() if isinstance(error, SystemExit) else str(error)
+        # Before it ends the process meshio prints why; its last line only repeats the name of the file.
+        reason = str(error)
+        if isinstance(error, SystemExit):
+            reason = said.getvalue().partition("Error:")[0].strip() or "not a file of this kind"
         raise ValueError(" ".join(reason.split()) or type(error).__name__) from None
     finally:
         _gmsh41._read_entities = read_entities

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,6 +21,7 @@ from .surface import fill
 ACCEPTED = {"triangle": (2, 1), "triangle6": (2, 2), "tetra": (3, 1), "tetra10": (3, 2)}
 LOWER = {"vertex": 0, "line": 1, "line3": 1, "triangle": 2, "triangle6": 2}
 SCRIPTS = (".geo", ".geo_unrolled", ".pos", ".opt", ".py", ".jl")
+COMMON = (".msh", ".vtk", ".vtu", ".xdmf", ".stl", ".obj", ".ply")
 CAD = (".step", ".stp", ".iges", ".igs", ".brep", ".x_t")
 # Cell data which hold tags, the most particular first.
 TAGS = ("gmsh:physical", "medit:ref", "region", "cell_tags", "name_to_read", "MaterialIDs")
@@ -62,7 +64,11 @@ def read_mesh(path: str | Path, cell_size: float | None = None, order: int | Non
         raise MeshError(
             f"{name}: cell_size is accepted for closed surfaces only, and this file has its own elements"
         )
-    data = _assemble(points, blocks, _names(mesh), name)
+    names = _names(mesh)
+    data = _assemble(points, blocks, names, name)
+    if names and not set(names.values()) & {*data.region_names, *data.boundary_names}:
+        note = "no element is in a physical group (saved with 'save all elements'?), so their names are lost"
+        data = replace(data, notes=(note,))
     return with_order(repair(data, name), order)
 
 
@@ -78,26 +84,33 @@ def _read(path: Path) -> Any:
         raise MeshError(
             f"{path}: CAD files are not accepted; mesh it in gmsh and give the .msh file it saves"
         )
-    formats = compat.meshio_formats().get(suffix)
-    if formats is None:
-        known = sorted(compat.meshio_formats())
-        raise MeshError(f"{path}: unknown file type '{suffix}': {choose(suffix, known)}")
     try:
         if path.is_dir():
-            raise MeshError(f"{path}: is a folder, a mesh file is accepted")
+            raise MeshError(f"{path}: this is a folder; a mesh file is accepted")
         with path.open("rb") as file:
-            start = file.read(1)
+            start = file.read(64)
     except OSError as error:
         raise MeshError(f"{path}: cannot be opened ({error.strerror})") from None
     if not start:
         raise MeshError(f"{path}: the file is empty")
+    formats = compat.meshio_formats().get(suffix)
+    if formats is None:
+        raise MeshError(
+            f"{path}: unknown file type '{suffix}': {choose(suffix, COMMON)}, and others of meshio"
+        )
+    if start.startswith(b"$"):  # gmsh's own format; Fluent's has the same ending
+        formats = ["gmsh"]
+        version = start.split()[1:2]
+        if start.startswith(b"$MeshFormat") and version not in ([b"2.2"], [b"4.1"]):
+            found = b"".join(version).decode("ascii", "replace")
+            raise MeshError(f"{path}: gmsh's format {found} is not accepted; save it as 2.2 or 4.1")
     reasons = []
     for file_format in formats:
         try:
             return compat.meshio_read(path, file_format)
         except ValueError as error:
-            reasons.append(f"{file_format}: {error}")
-    raise MeshError(f"{path}: cannot be read as a mesh ({'; '.join(reasons)})")
+            reasons.append(str(error))
+    raise MeshError(f"{path}: damaged, or not in the format {' or '.join(formats)} ({'; '.join(reasons)})")
 
 
 Block: TypeAlias = tuple[str, NDArray[np.int64], NDArray[np.int64]]

@@ -51,7 +51,7 @@ def fill(points: Points, faces: Faces, name: str, cell_size: float | None, order
     corners = points[faces]
     volumes = np.bincount(part, np.linalg.det(corners) / 6)
     faces = np.where((volumes < 0)[part][:, None], faces[:, ::-1], faces)
-    bodies = _nested(points, faces, part)
+    bodies = _nested(points, faces, part, name)
     volume = sum(abs(volumes[outer]) - sum(abs(volumes[c]) for c in inner) for outer, inner in bodies.items())
     if cell_size is None:
         h = float(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1).mean())
@@ -115,7 +115,8 @@ def _welded(points: Points, faces: Faces, name: str) -> tuple[Points, Faces, lis
     good = (ordered[:, 1:] != ordered[:, :-1]).all(axis=1)
     notes = []
     if not good.all():
-        notes.append(f"{int((~good).sum())} triangles without area removed")
+        count = int((~good).sum())
+        notes.append(f"{count} triangle{'' if count == 1 else 's'} without area removed")
     return where[first], faces[good], notes
 
 
@@ -142,7 +143,8 @@ def _closed(points: Points, faces: Faces, name: str) -> Faces:
             more = f" (and {int(wrong.sum()) - 1} more edges)" if wrong.sum() > 1 else ""
             raise MeshError(
                 f"{name}: the surface is {kind}: the edge from ({a}) to ({b}), of triangle {k % len(faces)}, "
-                f"{what.format(count[number[k]])}{more}"
+                f"{what.format(count[number[k]])}{more}; "
+                "closed surfaces, and flat meshes in z = const, are accepted"
             )
     return faces
 
@@ -174,14 +176,19 @@ def _oriented(points: Points, faces: Faces) -> tuple[Faces, NDArray[np.int64]]:
     return np.where(turned[:, None], faces[:, ::-1], faces), part.astype(np.int64)
 
 
-def _nested(points: Points, faces: Faces, part: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Outer parts, each with the cavities directly inside it."""
+def _nested(points: Points, faces: Faces, part: NDArray[np.int64], name: str) -> dict[int, list[int]]:
+    """Outer parts, each with the cavities directly inside it; parts that cross are a MeshError."""
     count = int(part.max()) + 1
     inside = np.zeros((count, count), dtype=bool)  # [i, j]: part i is inside part j
     for i in range(count):
-        start = points[faces[part == i][0, 0]]
+        nodes = points[np.unique(faces[part == i])]
         for j in range(count):
-            inside[i, j] = i != j and _contains(points[faces[part == j]], start)
+            if i != j:
+                within = _contains(points[faces[part == j]], nodes)
+                if within.any() and not within.all():
+                    where = ", ".join(f"{x:.6g}" for x in nodes[within][0])
+                    raise MeshError(f"{name}: separate parts of the surface cross each other near ({where})")
+                inside[i, j] = within[0]
     depth = inside.sum(axis=1)
     bodies: dict[int, list[int]] = {i: [] for i in range(count) if depth[i] % 2 == 0}
     for i in range(count):
@@ -191,17 +198,22 @@ def _nested(points: Points, faces: Faces, part: NDArray[np.int64]) -> dict[int, 
     return bodies
 
 
-def _contains(corners: Points, point: Points) -> bool:
-    """Whether a closed surface goes round a point: the solid angles of its triangles add up to 4π (or -4π).
+def _contains(corners: Points, nodes: Points) -> NDArray[np.bool_]:
+    """Which nodes a closed surface goes round: the solid angles of its triangles add up to 4π (or -4π).
 
     tan(Ω/2) = a·(b × c) / (|a||b||c| + (a·b)|c| + (b·c)|a| + (c·a)|b|), van Oosterom and Strackee (1983).
     """
-    a, b, c = (corners[:, i] - point for i in range(3))
-    la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-    above = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = [np.einsum("ij,ij->i", x, y) for x, y in ((a, b), (b, c), (c, a))]
-    below = la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb
-    return bool(abs(2 * np.arctan2(above, below).sum()) > 2 * math.pi)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    found = ((nodes >= low) & (nodes <= high)).all(axis=1)
+    near = np.flatnonzero(found)
+    for some in np.array_split(near, max(1, len(near) * len(corners) // 1_000_000)):  # bounds the memory
+        a, b, c = (corners[None, :, i] - nodes[some, None] for i in range(3))
+        la, lb, lc = (np.linalg.norm(x, axis=2) for x in (a, b, c))
+        above = np.einsum("nij,nij->ni", a, np.cross(b, c))
+        ab, bc, ca = (np.einsum("nij,nij->ni", x, y) for x, y in ((a, b), (b, c), (c, a)))
+        below = la * lb * lc + ab * lc + bc * la + ca * lb
+        found[some] = np.abs(2 * np.arctan2(above, below).sum(axis=1)) > 2 * math.pi
+    return np.asarray(found)
 
 
 def _discrete(gmsh: Any, points: Points, faces: Faces, part: NDArray[np.int64]) -> list[list[int]]:
