@@ -37,7 +37,7 @@ class Equations(Protocol):
 
     def residual(self, x: PETSc.Vec, out: PETSc.Vec) -> None: ...
 
-    def tangent(self, x: PETSc.Vec, out: PETSc.Mat) -> None: ...
+    def tangent(self, x: PETSc.Vec, out: PETSc.Mat, projected: bool) -> None: ...
 
 
 @dataclass
@@ -53,6 +53,38 @@ class Figures:
         return Figures(self.newton + other.newton, self.krylov + other.krylov, other.residual, other.reason)
 
 
+class _Smoothness:
+    """Whether the tangent should be projected, from how the last iteration went."""
+
+    def __init__(self, full_step: int) -> None:
+        self._full_step = full_step
+        self._patience = 1
+        self.restart()
+
+    def restart(self) -> None:
+        self.projected = True
+        self.evaluations = 0
+        self._wait = self._patience
+
+    def project(self, reason: int) -> bool:
+        """The choice for the coming iteration; `reason` is Krylov's of the last one, 0 if there is none."""
+        easy = reason != 0 and self.evaluations <= self._full_step
+        negative = reason in (
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
+            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
+        )
+        self.evaluations = 0
+        if self.projected:
+            self._wait -= easy
+            if self._wait < 0:
+                self.projected = False
+        elif negative or not easy:
+            self.projected = True
+            self._patience = min(2 * self._patience, 16)
+            self._wait = self._patience
+        return self.projected
+
+
 def set_defaults(prefix: str, table: Mapping[str, object]) -> None:
     """Put options in PETSc's database where it has none of that name."""
     options = PETSc.Options(prefix)
@@ -64,12 +96,17 @@ def set_defaults(prefix: str, table: Mapping[str, object]) -> None:
 class Newton:
     """A SNES with prefix `elastic_` for `equations`.
 
+    The tangent is projected while the going is rough. After a full step from a projected tangent the exact one is
+    tried; where Krylov meets a negative direction or the line search has to shorten, the projected one comes back
+    for twice as many iterations as the time before.
+
     Parameters
     ----------
     equations : Equations
     vector, matrix : PETSc.Vec, PETSc.Mat
         Of the right layout; used for the residual and the tangent.
-    near_null_space : PETSc.NullSpace or None
+    symmetric : bool
+        Whether the tangent is.
     """
 
     prefix = "elastic_"
@@ -81,28 +118,56 @@ class Newton:
         set_defaults(self.prefix, table)
         self.snes = snes = PETSc.SNES().create(matrix.comm)
         snes.setOptionsPrefix(self.prefix)
-        snes.setFunction(lambda _, x, f: equations.residual(x, f), vector)
-        snes.setJacobian(lambda _, x, a, p: equations.tangent(x, p), matrix)
+        snes.setFunction(self._residual, vector)
+        snes.setJacobian(self._tangent, matrix)
         if equations.has_energy:
-            snes.setObjective(lambda _, x: equations.energy(x))
+            snes.setObjective(self._energy)
         snes.setMonitor(self._monitor)
         snes.setFromOptions()
+        self._smooth = _Smoothness(full_step=2 if equations.has_energy else 1)
+
+    def _energy(self, snes: Any, x: PETSc.Vec) -> float:
+        self._smooth.evaluations += 1
+        return self._equations.energy(x)
+
+    def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        if not self._equations.has_energy:
+            self._smooth.evaluations += 1
+        self._equations.residual(x, out)
+
+    def _tangent(self, snes: Any, x: PETSc.Vec, a: PETSc.Mat, out: PETSc.Mat) -> None:
+        reason = snes.getKSP().getConvergedReason() if snes.getIterationNumber() else 0
+        self._equations.tangent(x, out, self._smooth.project(reason))
 
     def _monitor(self, snes: Any, iteration: int, norm: float) -> None:
         if self.on_iteration is not None:
             self.on_iteration(iteration, norm)
 
     def solve(self, x: PETSc.Vec, tolerance: float, iterations: int) -> Figures:
-        """Improve `x` until |F| <= `tolerance` [N]; never raises, the reason is in the figures."""
-        snes = self.snes
-        snes.setTolerances(rtol=0.0, atol=tolerance, stol=0.0, max_it=iterations)
-        try:
-            snes.solve(None, x)
-        except PETSc.Error as error:
-            raise StepFailure(f"PETSc error {error.ierr} in the solve") from error
-        return Figures(
-            snes.getIterationNumber(), snes.getLinearSolveIterations(), snes.getFunctionNorm(), snes.getConvergedReason()
-        )
+        """Improve `x` until |F| <= `tolerance` [N]; where it does not, the figures' reason is negative."""
+        total = Figures()
+        while True:
+            self._smooth.restart()
+            self.snes.setTolerances(rtol=0.0, atol=tolerance, stol=0.0, max_it=iterations - total.newton)
+            try:
+                self.snes.solve(None, x)
+            except PETSc.Error as error:
+                raise StepFailure(f"PETSc error {error.ierr} in the solve") from error
+            total = total + Figures(
+                self.snes.getIterationNumber(),
+                self.snes.getLinearSolveIterations(),
+                self.snes.getFunctionNorm(),
+                self.snes.getConvergedReason(),
+            )
+            stuck_on_exact = total.reason < 0 and not self._smooth.projected and self._equations.has_energy
+            if not stuck_on_exact or total.newton >= iterations:
+                return total
+
+    def solve_linear(self, matrix: PETSc.Mat, right: PETSc.Vec, x: PETSc.Vec) -> None:
+        """x = matrix⁻¹ right by the Krylov solver of the SNES."""
+        ksp = self.snes.getKSP()
+        ksp.setOperators(matrix)
+        ksp.solve(right, x)
 
     def reasons(self) -> str:
         """SNES's and KSP's reasons in PETSc's words."""

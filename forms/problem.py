@@ -16,12 +16,15 @@ from petsc4py import PETSc
 from extremal.meshes import Domain
 
 from . import compat, initial
-from .conditions import Constraints, Prescribed, Pressure, Traction
+from .conditions import BodyForce, Constraints, Prescribed, Pressure, Traction
 from .constitutive import Constitutive, agree
 from .integrators import INTEGRATORS, Motion, Terms, local_error
 from .material import Material
 from .newton import Figures, Newton, StepFailure
 from .space import Space
+
+
+MOST_PREDICTIONS = 24  # linear solves before a step, see ElasticProblem._predict
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class ElasticProblem:
         Functions of (positions (n, d) [m], time) giving [Pa].
     gravity : sequence of float or None
         Acceleration [m/s²].
+    body_force : callable or None
+        Function of (positions (n, d) [m], time) giving [N/m³] of reference volume.
     integrator : str or None
         None for equilibrium; else a name in `INTEGRATORS`.
     damping : (float, float)
@@ -80,6 +85,7 @@ class ElasticProblem:
         tractions: Sequence[tuple[Sequence[str], Callable]] = (),
         pressures: Sequence[tuple[Sequence[str], Callable]] = (),
         gravity: Sequence[float] | None = None,
+        body_force: Callable | None = None,
         integrator: str | None = None,
         damping: tuple[float, float] = (0.0, 0.0),
         stages: Sequence[Stage] = (),
@@ -95,6 +101,7 @@ class ElasticProblem:
         self.laws = Constitutive(self.space, materials)
         self.constraints = agree(self.comm, lambda: Constraints(self.space, prescribed))
         self._tractions = [Traction(self.space, names, value) for names, value in tractions]
+        self._body_forces = [BodyForce(self.space, body_force)] if body_force is not None else []
         self._pressures = [Pressure(self.space, names, value) for names, value in pressures]
         self._gravity = gravity
         self._scheme = INTEGRATORS[integrator]() if integrator else None
@@ -182,6 +189,7 @@ class ElasticProblem:
             "gravity": gravity is not None,
             "damping": any(damping),
             "traction": bool(self._tractions),
+            "body_force": bool(self._body_forces),
             "pressure": bool(self._pressures),
             "continuation": bool(self._stages),
         }
@@ -291,11 +299,11 @@ class ElasticProblem:
                     out.axpy(factor, self._product)
         return total
 
-    def tangent(self, x: PETSc.Vec, out: PETSc.Mat) -> None:
-        """Hessian of `energy`, projected to be positive unless asked otherwise."""
+    def tangent(self, x: PETSc.Vec, out: PETSc.Mat, projected: bool) -> None:
+        """Hessian of `energy`; `projected` cuts negative eigenvalues of ∂P/∂F at every point."""
         with self._events.tangent:
             self._set(self.space.u, x)
-            self.laws.update(tangent=True, project=not self._exact)
+            self.laws.update(tangent=True, project=projected and not self._exact)
             if self._terms is not None:
                 self._alpha.value = self._terms.alpha + self._mass_damping * self._terms.gamma
                 if self._stiffness_damping:
@@ -334,8 +342,8 @@ class ElasticProblem:
             local.set(0.0)
         if self._load_form is not None:
             compat.add_vector(self._load, self._load_form)
-        for traction in self._tractions:
-            traction.add(self._load, time)
+        for load in (*self._tractions, *self._body_forces):
+            load.add(self._load, time)
         self._load.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         for pressure in self._pressures:
             pressure.set_time(time)
@@ -382,12 +390,11 @@ class ElasticProblem:
                 self.space.gradient(self._gradient_tilde)
         stage = self._terms.stage if self._terms is not None else 1.0
         self._set_load(self.time + stage * dt)
-        u[:] = before.u
-        self.constraints.apply(u, self.time + dt)
-        if stage != 1.0:
-            held = self.constraints.dofs
-            u[held] = before.u[held] + stage * (u[held] - before.u[held])
-        self._unknown.array[:] = u[: self._owned]
+        moved = before.u.copy()
+        self.constraints.apply(moved, self.time + dt)
+        moved = before.u + stage * (moved - before.u)
+        self._predict(before.u, moved)
+        self._unknown.array[:] = moved[: self._owned]
 
         figures, stages = self._solve()
         self._set(self.space.u, self._unknown)
@@ -399,6 +406,65 @@ class ElasticProblem:
             self.motion = new
             u[:] = new.u
         return figures, stages
+
+    def _predict(self, start: NDArray, moved: NDArray) -> None:
+        """Let the body follow its moved boundary by linear solves, unless a jump of the boundary has less energy.
+
+        The boundary goes part of the way at a time, so that no element of a body without inverted ones inverts.
+
+        Parameters
+        ----------
+        start, moved : (local nodes * d,)
+            Displacement before the step, and the same with the new prescribed values; the latter is changed.
+        """
+        jump = moved - start
+        if self.comm.allreduce(float(np.abs(jump).max(initial=0)), op=MPI.MAX) == 0 or not self.has_energy:
+            return
+        here, done, part = start.copy(), 0.0, 1.0
+        self.space.u.x.array[:] = start
+        may_invert = self._count_inverted() > 0
+        for _ in range(MOST_PREDICTIONS):
+            part = min(part, 1 - done)
+            ahead = self._follow(here, part * jump)
+            if may_invert or self._count_inverted() == 0:
+                here, done = ahead, done + part
+                part *= 2
+            else:
+                part /= 2
+            if done >= 1:
+                break
+        else:
+            return
+        self._unknown.array[:] = here[: self._owned]
+        energy = self.energy(self._unknown)
+        self._unknown.array[:] = moved[: self._owned]
+        if energy < self.energy(self._unknown):
+            moved[:] = here
+
+    def _follow(self, here: NDArray, jump: NDArray) -> NDArray:
+        """Where linear elasticity takes the body from `here` when its boundary moves by `jump`."""
+        self._unknown.array[:] = here[: self._owned]
+        self.residual(self._unknown, self._vector)
+        self.tangent(self._unknown, self._matrix, True)
+        self.space.u.x.array[:] = jump
+        self.space.gradient(self.laws.gradient)
+        size = self.laws.gradient.shape[1]
+        tangent = self.laws.tangent.x.array.reshape(-1, size, size)
+        self.laws.stress.x.array[:] = np.einsum("nij,nj->ni", tangent, self.laws.gradient).ravel()
+        with self._work.localForm() as local:
+            local.set(0.0)
+        compat.add_vector(self._work, self._residual_form)
+        self._work.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self._vector.axpy(1.0, self._work)
+        if self._terms is not None:
+            self._work.array[:] = jump[: self._owned]
+            self._mass.mult(self._work, self._product)
+            self._vector.axpy(float(self._alpha.value), self._product)
+        self._vector.array[self._held] = 0
+        self._newton.solve_linear(self._matrix, self._vector, self._product)
+        self._unknown.array[:] = here[: self._owned] + jump[: self._owned] - self._product.array
+        self._set(self.space.u, self._unknown)
+        return self.space.u.x.array.copy()
 
     def _check_error(self, before: Motion, new: Motion, dt: float) -> None:
         if self._error_tolerance is None:
