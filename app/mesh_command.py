@@ -13,6 +13,7 @@ import numpy as np
 
 from .errors import EXIT_FINISHED, InputError, suggestion
 from .parallel import on_root
+from .shapes import load_on_all, shape_parameters, shapes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -25,8 +26,6 @@ REGULAR = {2: np.sqrt(3) / 4, 3: np.sqrt(2) / 12}
 
 def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Declare the source and, for a shape, the parameters of that shape."""
-    from .shapes import shape_parameters, shapes
-
     source = words[0] if words and not words[0].startswith("-") else None
     known = shapes()
     is_file = source is not None and source not in known
@@ -53,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
 
 def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
     """Build or read, check, report and write the mesh on rank 0."""
+    load_on_all(comm)
     lines = on_root(comm, lambda: _run(args))
     if comm.rank == 0:
         print("\n".join(lines), flush=True)
@@ -61,8 +61,6 @@ def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm
 
 def _run(args: argparse.Namespace) -> list[str]:
     from extremal import meshes
-
-    from .shapes import shapes
 
     parameters = {
         key.removeprefix("parameter "): value_of(text)

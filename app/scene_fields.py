@@ -90,7 +90,7 @@ NotNegative = Annotated[Number, Field(ge=0)]
 Integer = Annotated[int, BeforeValidator(_integer)]
 Boolean = Annotated[bool, BeforeValidator(_boolean)]
 Text = Annotated[str, BeforeValidator(_text)]
-Names = Annotated[tuple[str, ...], PlainValidator(_names)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_names)]
 
 
 def quantity(names: Iterable[str], free: bool = False) -> PlainValidator:
@@ -178,7 +178,7 @@ FieldQuantity = Annotated[float | str, quantity(SPACE)]
 MovingQuantity = Annotated[float | str, quantity(SPACE_TIME)]
 FreeQuantity = Annotated[float | str | None, quantity(SPACE_TIME, free=True)]
 Condition = Annotated[str, condition(SPACE)]
-Rotation = Annotated[float | tuple[float, ...], PlainValidator(_rotation)]
+Rotation = Annotated[float | tuple[float, ...], BeforeValidator(_rotation)]
 Vector = Annotated[tuple[Number, ...], vector()]
 MovingVector = Annotated[tuple[MovingQuantity, ...], vector("numbers or expressions of x, y, z, t")]
 FreeVector = Annotated[tuple[FreeQuantity, ...], vector('numbers, expressions of x, y, z, t or "free"')]

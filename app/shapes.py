@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .errors import suggestion
 from .scene_fields import Problem
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def load_on_all(comm: MPI.Comm) -> None:
+    """Load `meshes` on all ranks before rank 0 asks it anything (collective).
+
+    dolfinx may come with it, and with that PETSc, whose start is collective: loaded on rank 0 alone it would
+    take part in whatever the other ranks exchange next. In serial the scene tells whether it is needed.
+    """
+    if comm.size > 1:
+        from extremal.meshes import distribute  # noqa: F401
 
 
 def shape_problems(shape: str, parameters: Mapping[str, Any]) -> Iterator[Problem]:

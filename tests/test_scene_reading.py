@@ -157,6 +157,12 @@ def test_numbers_in_quotes_are_numbers() -> None:
     assert scene.traction[0].value == (1000.0, 0.0, 2.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_scene_can_be_written_as_json(full: ElasticScene) -> None:
+    assert json.loads(full.model_dump_json())["fixed"][0]["boundary"] == ["left", "right"]
+    assert full.model_dump(mode="json")["motion"][1]["keyframes"][1]["rotation"] == [0, 0, 3]
+
+
 def test_every_key_says_its_meaning() -> None:
     def tables(model: type[pydantic.BaseModel]) -> list[type[pydantic.BaseModel]]:
         from extremal.app.scene_errors import _models_in
