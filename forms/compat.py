@@ -39,7 +39,9 @@ def quadrature(mesh: Any, degree: int, shape: tuple[int, ...] = ()) -> Any:
         element = basix.ufl.quadrature_element(mesh.basix_cell(), value_shape=shape, scheme="default", degree=degree)
         return fem.functionspace(mesh, element)
     rule = {"degree": degree, "quad_scheme": "default"}
-    if shape:
+    if len(shape) == 1:
+        element = ufl.VectorElement("Quadrature", mesh.ufl_cell(), dim=shape[0], **rule)
+    elif shape:
         element = ufl.TensorElement("Quadrature", mesh.ufl_cell(), shape=shape, **rule)
     else:
         element = ufl.FiniteElement("Quadrature", mesh.ufl_cell(), **rule)

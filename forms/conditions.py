@@ -1,4 +1,4 @@
-"""Held and moved boundaries, tractions, pressures."""
+"""Held and moved boundaries, body forces, tractions, pressures."""
 
 from __future__ import annotations
 
@@ -118,6 +118,28 @@ class Traction:
     def add(self, load: PETSc.Vec, time: float) -> None:
         """load += ∫ t·v dS at `time` (ghosts not exchanged)."""
         self._field.x.array[:] = np.asarray(self._value(self._space.positions, time)).ravel()
+        compat.add_vector(load, self._form)
+
+
+class BodyForce:
+    """Force per reference volume: adds ∫ b·v dV to the load, b taken at quadrature points."""
+
+    def __init__(self, space: Space, value: Motion) -> None:
+        self._value, d, degree = value, space.dimension, 2 * space.degree
+        self._field = fem.Function(compat.quadrature(space.mesh, degree, (d,)))
+        points, _ = compat.rule(d, degree)
+        here = compat.expression(ufl.SpatialCoordinate(space.mesh), points)
+        x = compat.evaluate(here, space.mesh, np.arange(space.cells, dtype=np.int32)).reshape(-1, d)
+        self._rows = compat.cell_dofs(self._field.function_space, space.cells).ravel()
+        self._x = np.empty_like(x)
+        self._x[self._rows] = x
+        v = ufl.TestFunction(space.vectors)
+        dx = ufl.dx(domain=space.mesh, metadata={"quadrature_degree": degree, "quadrature_scheme": "default"})
+        self._form = compat.form(ufl.inner(self._field, v) * dx)
+
+    def add(self, load: PETSc.Vec, time: float) -> None:
+        """load += ∫ b·v dV at `time` (ghosts not exchanged)."""
+        self._field.x.array[:] = np.asarray(self._value(self._x, time)).ravel()
         compat.add_vector(load, self._form)
 
 
