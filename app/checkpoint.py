@@ -1,7 +1,8 @@
 """Checkpoints: everything a run needs to go on, in one HDF5 file that is known to be whole before it is read.
 
-A file begins with a block of 512 bytes (HDF5 calls it the user block and leaves it alone) that holds the SHA-256 of all bytes
-after it. It is compared before the HDF5 library sees the file, because that library may crash on damaged input.
+A file begins with a block of 512 bytes (HDF5 calls it the user block and leaves it alone) that holds the
+SHA-256 of all bytes after it. It is compared before the HDF5 library sees the file, because that library may
+crash on damaged input.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ KEPT = 2
 BLOCK = 512
 MARK = b"extremal checkpoint, sha256 of what follows: "
 
-# What a person may change in a scene between a run and its restart: how long, how finely, how watched, how solved; not what.
+# What a person may change in a scene before a restart: how long, how finely, how watched, how solved; not what.
 HARMLESS = (
     "title", "description", "output", "expect", "solver", "petsc", "continuation", "mesh.file",
     "analysis.end_time", "analysis.time_step", "analysis.smallest_step", "analysis.largest_step",
@@ -41,7 +42,7 @@ class CheckpointError(ValueError):
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a checkpoint file holds: arrays of the problem's state, and plain facts about the session and the scene."""
+    """What a checkpoint file holds: the problem's state, and plain facts about the session and the scene."""
 
     path: Path
     state: dict[str, NDArray[Any]]
@@ -75,7 +76,8 @@ def save(path: Path, state: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]
     with atomic(path) as partial:
         with h5py.File(partial, "w", userblock_size=BLOCK) as file:
             file.attrs["format"] = FORMAT
-            file["facts"] = np.frombuffer(json.dumps(facts).encode(), np.uint8)
+            text = json.dumps({**facts, "arrays": list(state)})
+            file["facts"] = np.frombuffer(text.encode(), np.uint8)
             group = file.create_group("state")
             for name, values in state.items():
                 group[name] = values
@@ -107,10 +109,7 @@ def load(path: Path) -> Checkpoint:
             if file.attrs["format"] != FORMAT:
                 raise CheckpointError(f"has format {file.attrs['format']}: accepted is {FORMAT}")
             facts = json.loads(file["facts"][()].tobytes())
-            state: dict[str, NDArray[Any]] = {}
-            file["state"].visititems(
-                lambda name, item: state.__setitem__(name, item[()]) if isinstance(item, h5py.Dataset) else None
-            )
+            state = {name: file["state"][name][()] for name in facts["arrays"]}
     except OSError as error:
         raise CheckpointError(f"cannot be read: {error.strerror or error}") from error
     return Checkpoint(path, state, facts)
@@ -131,7 +130,9 @@ def newest(place: Path) -> tuple[Checkpoint, list[str]]:
     """
     candidates = [place] if place.is_file() else list_checkpoints(place)
     if not candidates:
-        raise InputError(f"--restart {place}: no checkpoint there; accepted is the results folder of an earlier run")
+        raise InputError(
+            f"--restart {place}: no checkpoint there; accepted is the results folder of an earlier run"
+        )
     passed_over: list[str] = []
     for path in candidates:
         try:
@@ -175,11 +176,11 @@ def check_same(checkpoint: Checkpoint, scene: Mapping[str, Any], geometry: str) 
     ]
     if changed:
         raise InputError(
-            f"{checkpoint.path}: the scene has been changed since: {', '.join(changed)}; accepted are changes of "
-            "output, expect, solver, petsc and the analysis's times and steps"
+            f"{checkpoint.path}: the scene has been changed since: {', '.join(changed)}; "
+            "accepted are changes of output, expect, solver, petsc and the analysis's times and steps"
         )
     if checkpoint.facts["geometry"] != geometry:
-        raise InputError(f"{checkpoint.path}: the mesh has been changed since; accepted is the very same mesh")
+        raise InputError(f"{checkpoint.path}: the mesh has been changed since; accepted is the same mesh")
 
 
 def flatten(tree: Any, key: str = "") -> dict[str, Any]:

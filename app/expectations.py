@@ -36,12 +36,16 @@ class Expectation:
         return f"expect {self.name} {self.wanted}: {self.hint or found}, {'met' if self.met else 'MISSED'}"
 
 
-def check_expectations(expected: Mapping[str, Wanted], results: Mapping[str, float | str]) -> list[Expectation]:
+def check_expectations(
+    expected: Mapping[str, Wanted], results: Mapping[str, float | str]
+) -> list[Expectation]:
     """Compare the scene's `[expect]` with the final diagnostics, "status" and "steps"."""
     return [
         Expectation(name, _words(wanted), results[name], _met(wanted, results[name]))
         if name in results
-        else Expectation(name, _words(wanted), None, False, f"no such diagnostic; {suggestion(name, results)}")
+        else Expectation(
+            name, _words(wanted), None, False, f"no such diagnostic; {suggestion(name, results)}"
+        )
         for name, wanted in expected.items()
     ]
 

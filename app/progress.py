@@ -1,4 +1,4 @@
-"""What a person sees while a run goes on: a bar with the time left on a terminal, one line a step otherwise."""
+"""What a person sees of a run: a bar with the time left on a terminal, one line a step otherwise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHOWN = {
     "newton_iterations": "newton",
     "iterations": "iterations",
 }
-# Solver iterations are told no more often than this [s]: quick steps say nothing, long ones show that they are alive.
+# Solver iterations are told no more often than this [s]: only long steps show that they are alive.
 PATIENCE = 5.0
 
 
@@ -57,7 +57,8 @@ class Progress:
         if self.bar is not None:
             self.bar.update(self.task, completed=time - self.begin, facts=f"step {step} {_facts(figures)}")
         elif not self.quiet:
-            print(f"step {step}  time {time:.6g}  dt {dt:.3g}  {_facts(figures)}  wall {wall:.1f} s", flush=True)
+            facts = _facts(figures)
+            print(f"step {step}  time {time:.6g}  dt {dt:.3g}  {facts}  wall {wall:.1f} s", flush=True)
 
     def iteration(self, figures: Mapping[str, float]) -> None:
         """Tell about a solver iteration, if nothing has been said for a while."""

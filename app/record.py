@@ -75,7 +75,7 @@ def event_seconds(comm: MPI.Comm) -> dict[str, dict[str, float]]:
     # petsc4py cannot list events; PETSc's own table can be had as text only
     place = on_root(comm, lambda: tempfile.mkdtemp(prefix="extremal-"))
     path = Path(place) / "log.csv"
-    viewer = PETSc.Viewer().createASCII(str(path), comm=PETSc.COMM_WORLD)
+    viewer = PETSc.Viewer().createASCII(str(path), comm=comm)
     viewer.pushFormat(PETSc.Viewer.Format.ASCII_CSV)
     PETSc.Log.view(viewer)
     viewer.popFormat()

@@ -1,4 +1,4 @@
-"""The results folder: files that are whole or absent, tables that grow by whole lines, frames that ParaView plays."""
+"""The results folder: files that are whole or absent, tables that grow by whole lines, frames for ParaView."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
-from .errors import EXIT_SOLVER, ExtremalError
+from .errors import EXIT_SOLVER, ExtremalError, InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-SCENE, HISTORY, ITERATIONS, RECORD, SUMMARY = "scene.toml", "history.csv", "iterations.csv", "run.json", "summary.png"
+SCENE, RECORD, SUMMARY = "scene.toml", "run.json", "summary.png"
+HISTORY, ITERATIONS = "history.csv", "iterations.csv"
 SERIES, FRAMES, CHECKPOINTS = "fields.pvd", "fields", "checkpoints"
 PARTIAL = ".partial"
 
@@ -33,13 +34,14 @@ def output_error(path: Path, error: OSError) -> OutputError:
         free = f"{shutil.disk_usage(path.parent).free:,} bytes free"
     except OSError:
         free = "its folder cannot be reached"
-    reason = os.strerror(error.errno) if error.errno else (str(error).splitlines() or [type(error).__name__])[0]
+    words = str(error).splitlines() or [type(error).__name__]
+    reason = os.strerror(error.errno) if error.errno else words[0]
     return OutputError(f"{path}: cannot be written: {reason} ({free})")
 
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write; it takes the name `path`, whole and on the disk, when the context ends well.
+    """Yield the name of a file to write; it becomes `path`, whole and on the disk, when the context ends well.
 
     Raises
     ------
@@ -96,7 +98,9 @@ def prepare(folder: Path, keep: bool) -> None:
         for old in [*(folder / FRAMES).glob("frame_*.vtu"), *(folder / CHECKPOINTS).glob("step_*.h5")]:
             old.unlink()
     except OSError as error:
-        raise output_error(folder / SCENE, error) from error
+        raise InputError(
+            f"-o {folder}: cannot be used: {error.strerror} ({error.filename}); accepted is a folder you may write to"
+        ) from error
 
 
 class Table:
@@ -138,7 +142,7 @@ class Table:
             with open(self.path, "ab", buffering=0) as file:
                 size = file.tell()
                 try:
-                    while data:  # one system call unless the disk is full: a killed run leaves whole lines only
+                    while data:  # one system call unless the disk is full: a killed run leaves whole lines
                         data = data[file.write(data) :]
                 except OSError:
                     file.truncate(size)
@@ -154,7 +158,7 @@ def _number(value: float) -> str:
 
 
 def read_table(path: Path) -> tuple[list[str], list[dict[str, float]]]:
-    """Return the columns and rows of a CSV file of numbers, without empty entries and without a last line cut short."""
+    """Return the columns and rows of a CSV file of numbers, less empty entries and a last line cut short."""
     text = path.read_text(encoding="utf-8")
     lines = text[: text.rfind("\n") + 1].splitlines()
     if not lines:
@@ -176,11 +180,14 @@ class Series:
         Times of the frames which stand there already.
     """
 
-    def __init__(self, folder: Path, geometry: tuple[NDArray[Any], NDArray[Any], str], times: list[float]) -> None:
+    def __init__(
+        self, folder: Path, geometry: tuple[NDArray[Any], NDArray[Any], str], times: list[float]
+    ) -> None:
         self.folder = folder
         self.points, self.cells, self.cell_type = geometry
         self.times = list(times)
-        for frame in (folder / FRAMES).glob("frame_*.vtu"):  # written after the checkpoint that the run goes on from
+        # written after the checkpoint that the run goes on from
+        for frame in (folder / FRAMES).glob("frame_*.vtu"):
             if int(frame.stem.removeprefix("frame_")) >= len(times):
                 frame.unlink()
         self._write_index()
@@ -190,9 +197,20 @@ class Series:
         """Return the file of a frame, relative to the results folder."""
         return f"{FRAMES}/frame_{index:05d}.vtu"
 
-    def write(self, time: float, point_data: Mapping[str, NDArray[Any]], cell_data: Mapping[str, NDArray[Any]]) -> None:
-        """Write the next frame: arrays of shape (n,) or (n, 3) at points, (m,) or (m, 3) in cells."""
+    def write(
+        self,
+        time: float,
+        point_data: Mapping[str, NDArray[Any]],
+        cell_data: Mapping[str, NDArray[Any]],
+    ) -> None:
+        """Write the next frame: arrays of shape (n,) or (n, 3) at points, (m,) or (m, 3) in cells.
+
+        A last frame of the same time is replaced.
+        """
         import meshio
+
+        if self.times and self.times[-1] == time:
+            self.times.pop()
 
         mesh = meshio.Mesh(
             self.points,
@@ -225,7 +243,7 @@ def _plain(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def adopt(source: Path, folder: Path, frames: int) -> None:
-    """Take over tables and the first `frames` frames of another results folder, for a run that goes on elsewhere."""
+    """Take over tables and the first `frames` frames of another results folder: the run goes on in this one."""
     names = [HISTORY, ITERATIONS, *(Series.name(index) for index in range(frames))]
     for name in names:
         if (source / name).exists():

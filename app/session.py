@@ -4,72 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from . import checkpoint as checkpoints
 from . import record, results
 from .errors import EXIT_FINISHED, EXIT_SOLVER, ExtremalError, InputError
 from .expectations import Expectation, check_expectations
+from .output import Counts, Output
 from .parallel import on_root
+from .problem import Problem
 from .progress import Progress
-from .results import OutputError, Series, Table
+from .results import OutputError
 from .signals import StopRequest, stop_requests
 from .stepsize import StepSize
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-    from numpy.typing import NDArray
-
 # A checkpoint is written when this much wall time has passed since the last one, however few the steps [s].
 CHECKPOINT_SECONDS = 600.0
-
-
-class Problem(Protocol):
-    """What a session drives; every method is collective.
-
-    Attributes
-    ----------
-    time : float
-        Time [s] or load parameter.
-    effects : dict
-        Effects that are on, with facts about each.
-    on_iteration : callable, optional
-        Set by the session; called on all ranks with figures of each solver iteration.
-    """
-
-    comm: MPI.Comm
-    time: float
-    effects: dict[str, dict[str, float]]
-    on_iteration: Callable[[dict[str, float]], None] | None
-
-    def advance(self, dt: float) -> dict[str, float]:
-        """Make one step to `time + dt`, or raise ArithmeticError on all ranks with the state as before."""
-        ...
-
-    def diagnostics(self) -> dict[str, float]:
-        """Return the columns of history.csv, the same on all ranks."""
-        ...
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return on rank 0 everything `restore` needs, in an order that does not depend on the ranks."""
-        ...
-
-    def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take over a state from rank 0."""
-        ...
-
-    def geometry(self) -> tuple[NDArray[Any], NDArray[Any], str] | None:
-        """Return on rank 0 points (n, 3) [m], cells (m, k) and their meshio name; None elsewhere or without mesh."""
-        ...
-
-    def fields(
-        self, names: Sequence[str] | None = None
-    ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]] | None:
-        """Return on rank 0 the fields at points and in cells."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -134,7 +86,6 @@ class _Session:
         record.start_log()
         self.problem, self.scene, self.folder, self.quiet = problem, scene, folder, quiet
         self.comm = problem.comm
-        self.is_root = self.comm.rank == 0
         analysis = scene.analysis
         self.step_size = StepSize(
             first=analysis.time_step,
@@ -144,22 +95,15 @@ class _Session:
             adaptive=analysis.adaptive,
             every=scene.output.every,
         )
-        self.output_event = PETSc.Log.Event("session:output")
+        self.counts = Counts()
+        self.output = Output(problem, scene.output, folder, self.counts)
         self.checkpoint_event = PETSc.Log.Event("session:checkpoint")
         self.plain_scene = scene.model_dump(mode="json")
-
-        self.step = 0
-        self.iterations = 0  # solver iterations of all steps and attempts
-        self.totals: dict[str, float] = {}
-        self.frame_times: list[float] = []
-        self.frame_step = self.saved_step = -1
+        self.diagnostics: dict[str, float] = {}
+        self.saved_step = -1
         self.wall_before = 0.0  # seconds spent before a restart
         self.begin = self.saved_clock = clock.monotonic()
         self.began = record.now()
-        self.diagnostics: dict[str, float] = {}
-        self.postponed: OutputError | None = None  # of rank 0, until the ranks can agree on it
-        self.series: Series | None = None
-        self.progress: Progress | None = None
 
     # ------------------------------------------------------------------ the main path
 
@@ -168,245 +112,169 @@ class _Session:
         try:
             self._start(restart, scene_path)
             while not self.step_size.finished(self.problem.time):
-                cutbacks = self._advance(request)
-                self._look(cutbacks)
-                self._save_if_due(request)
+                dt, cutbacks = self._advance(request)
+                self._look(dt, cutbacks)
+                self._save_if_due()
+                self._stop_if_asked(request)
             self._save()
         except _Ended as end:
-            status, reason = end.status, end.reason
-            reason += self._try_to_save()
+            status, reason = end.status, end.reason + self._try_to_save()
         except OutputError as error:
             status, reason = "failed", str(error)
         except InputError:
             raise
         except Exception as error:
-            # perhaps of this rank alone: nothing collective any more
             self._write_crash(error)
             raise
         finally:
-            self.problem.on_iteration = None
-            if self.progress is not None:
-                self.progress.close()
+            self.output.close()
         return self._finish(status, reason)
 
     def _start(self, restart: Path | None, scene_path: Path | None) -> None:
         """Prepare the folder and the problem, from the beginning or from a checkpoint."""
         geometry = self.problem.geometry()
         notes: list[str] = []
+        frame_times: list[float] = []
         if restart is not None:
-            notes = self._restore(restart, geometry)
+            frame_times, notes = self._restore(restart, geometry)
 
         def prepare() -> None:
-            results.prepare(self.folder, keep=restart is not None)
+            if restart is None:
+                results.prepare(self.folder, keep=False)
             if scene_path is not None:
                 results.write_text(self.folder / results.SCENE, scene_path.read_text(encoding="utf-8"))
-            self.history = Table(self.folder / results.HISTORY)
-            self.iteration_table = Table(self.folder / results.ITERATIONS)
-            self._drop_what_came_later()
-            if geometry is not None:
-                self.series = Series(self.folder, geometry, self.frame_times)
             record.write_record(self.folder, self._record("running", ""))
-            title = self.scene.title or self.scene.part
-            self.progress = Progress(title, self.problem.time, self.step_size.end, self.quiet)
-            for note in notes:
-                self.progress.note(note)
 
         on_root(self.comm, prepare)
-        self.has_fields = self.comm.bcast(geometry is not None)
-        self.problem.on_iteration = self._on_iteration
+        progress = None
+        if self.comm.rank == 0:
+            title = self.scene.title or self.scene.part
+            progress = Progress(title, self.problem.time, self.step_size.end, self.quiet)
+        self.output.open(geometry, frame_times, progress)
+        for note in notes:
+            self.output.note(note)
         self.diagnostics = self.problem.diagnostics()
         if restart is None:
-            self._write_row(0.0, 0)
-            self._write_frame()
+            self.output.row(0.0, 0, self._wall(), self.diagnostics)
+            self.output.frame()
 
-    def _advance(self, request: StopRequest) -> int:
-        """Make one step, with as many shorter attempts as it takes; return how many failed."""
+    def _advance(self, request: StopRequest) -> tuple[float, int]:
+        """Make one step, with as many shorter attempts as it takes; return its length and how many failed."""
         cutbacks = 0
         while True:
             dt, end = self.step_size.propose(self.problem.time)
-            before = self.iterations
+            before = self.counts.iterations
             try:
                 figures = self.problem.advance(dt)
             except ArithmeticError as error:
-                reason = (str(error).splitlines() or [type(error).__name__])[0]
-                self._agree_on_postponed()
+                self.output.agree()
                 self._stop_if_asked(request)
-                if not self.step_size.rejected(dt, getattr(error, "wanted_step", None)):
-                    which = "the smallest step" if self.step_size.adaptive else "the fixed step"
-                    raise _Ended("failed", f"step {self.step + 1}, dt {dt:.3g} ({which}): {reason}") from error
+                self._shorten(dt, error)
                 cutbacks += 1
-                shorter = self.step_size.dt
-                self._note(f"step {self.step + 1}: dt {dt:.3g} failed ({reason}); trying {shorter:.3g}")
                 continue
             self.problem.time = end  # a milestone is hit exactly
-            self.dt = dt
-            self.step += 1
-            if self.iterations == before:  # a problem that does not call back still counts what it did
-                self.iterations += int(figures.get("newton_iterations", 0))
-            iterations = figures.get("newton_iterations")
-            self.step_size.accepted(dt, iterations, figures.get("wanted_step"))
-            for name, figure in figures.items():
-                if name.endswith("_iterations"):
-                    self.totals[name] = self.totals.get(name, 0) + figure
-            return cutbacks
+            self.counts.add(figures, self.counts.iterations - before)
+            self.step_size.accepted(dt, figures.get("newton_iterations"), figures.get("wanted_step"))
+            return dt, cutbacks
 
-    def _look(self, cutbacks: int) -> None:
+    def _shorten(self, dt: float, error: ArithmeticError) -> None:
+        """Choose a shorter step after a failed one of length `dt`, or end the run."""
+        words = str(error).splitlines() or [type(error).__name__]
+        attempt = f"step {self.counts.step + 1}: dt {dt:.3g}"
+        if not self.step_size.rejected(dt, getattr(error, "wanted_step", None)):
+            which = "the smallest step" if self.step_size.adaptive else "the fixed step"
+            raise _Ended("failed", f"{attempt} ({which}): {words[0]}") from error
+        self.output.note(f"{attempt} failed ({words[0]}); trying {self.step_size.dt:.3g}")
+
+    def _look(self, dt: float, cutbacks: int) -> None:
         """Write down what the step brought."""
-        self._agree_on_postponed()
+        self.output.agree()
         self.diagnostics = self.problem.diagnostics()
-        self._write_row(self.dt, cutbacks)
+        self.output.row(dt, cutbacks, self._wall(), self.diagnostics)
         if self.step_size.on_milestone(self.problem.time):
-            self._write_frame()
-        if self.progress is not None:
-            self.progress.step(self.step, self.problem.time, self.dt, self.diagnostics, self._wall())
-
-    def _save_if_due(self, request: StopRequest) -> None:
-        late = clock.monotonic() - self.saved_clock > CHECKPOINT_SECONDS
-        # Rank 0's clock decides, so that all take part in the checkpoint.
-        every = self.scene.output.checkpoint_every
-        if self.comm.bcast(late) or (every and self.step % every == 0):
-            self._save()
-        self._stop_if_asked(request)
+            self.output.frame()
 
     def _stop_if_asked(self, request: StopRequest) -> None:
+        """End the run if any rank has been sent a signal, except where it has just reached its end."""
         from mpi4py import MPI
 
         number = self.comm.allreduce(request.number, MPI.MAX)
         if number and not self.step_size.finished(self.problem.time):
-            raise _Ended("stopped", f"by {request.name(number)} after step {self.step}")
+            raise _Ended("stopped", f"by {request.name(number)} after step {self.counts.step}")
 
     def _finish(self, status: str, reason: str) -> Outcome:
         """Write the record and the picture, tell the end, and return it."""
-        found: dict[str, float | str] = {**self.diagnostics, "status": status, "steps": float(self.step)}
+        steps = self.counts.step
+        found: dict[str, float | str] = {**self.diagnostics, "status": status, "steps": float(steps)}
         expectations = check_expectations(self.scene.expect, found)
         missed = [expectation.name for expectation in expectations if not expectation.met]
-        good = status == "finished" and not missed
-        facts = self._record(status, reason)
-        facts["events"] = record.event_seconds(self.comm)
-        facts["effects"] = record.effects_with_cost(self.scene.part, self.problem.effects, facts["events"])
-        facts |= {"expect": expectations, "exit_code": EXIT_FINISHED if good else EXIT_SOLVER}
+        exit_code = EXIT_FINISHED if status == "finished" and not missed else EXIT_SOLVER
+        events = record.event_seconds(self.comm)
+        facts = self._record(status, reason) | {
+            "exit_code": exit_code,
+            "expect": expectations,
+            "events": events,
+            "effects": record.effects_with_cost(self.scene.part, self.problem.effects, events),
+        }
         facts |= record.resources(self.comm) or {}
-
-        if self.is_root:
-            with contextlib.suppress(OutputError):  # a full disk has been told of already
-                record.write_record(self.folder, facts)
-            self._draw()
+        unwritten = on_root(self.comm, lambda: self._write_end(facts))
+        if unwritten and status == "finished":
+            status, reason, exit_code = "failed", unwritten, EXIT_SOLVER
+        if self.comm.rank == 0:
             for expectation in expectations:
                 print(expectation)
             words = [status + (f" {reason}" if status == "stopped" else f": {reason}" if reason else "")]
             words += [f"{len(missed)} of {len(expectations)} expectations MISSED"] if missed else []
             print(", ".join([*words, f"results in {self.folder}"]), flush=True)
-        self.comm.barrier()
-        exit_code = EXIT_FINISHED if good else EXIT_SOLVER
-        return Outcome(status, reason, exit_code, self.step, self.problem.time, self.diagnostics, expectations)
-
-    # ------------------------------------------------------------------ output
-
-    def _write_row(self, dt: float, cutbacks: int) -> None:
-        row = {"step": self.step, "time": self.problem.time, "dt": dt, "cutbacks": cutbacks}
-        row |= {"wall": self._wall(), **self.diagnostics}
-        with self.output_event:
-            on_root(self.comm, lambda: self.history.append(row))
-
-    def _write_frame(self, agreed: bool = True) -> None:
-        """Write a frame of the fields; with `agreed` false, keep rank 0's failure for later."""
-        if not self.has_fields:
-            return
-        with self.output_event:
-            fields = self.problem.fields(self.scene.output.fields)
-
-            def write() -> None:
-                assert self.series is not None and fields is not None
-                # among frames of solver iterations, the count of iterations is the only clock that moves
-                pseudo_time = float(self.iterations) if self.scene.output.iterations else self.problem.time
-                self.series.write(pseudo_time, *fields)
-
-            if agreed:
-                on_root(self.comm, write)
-                self.frame_step = self.step
-            elif self.is_root and self.postponed is None:
-                self._postpone(write)
-
-    def _on_iteration(self, figures: dict[str, float]) -> None:
-        """Note one iteration of the solver (called inside `advance`, where nothing may be raised)."""
-        if figures.get("iteration", 1) > 0:
-            self.iterations += 1
-        if self.is_root:
-            row = {"step": self.step + 1, "total": self.iterations, **figures}
-            self._postpone(lambda: self.iteration_table.append(row))
-            if self.progress is not None:
-                self.progress.iteration(figures)
-        every = self.scene.output.iterations
-        if every and figures.get("iteration", 1) > 0 and self.iterations % every == 0:
-            self._write_frame(agreed=False)
-
-    def _postpone(self, write: Callable[[], None]) -> None:
-        try:
-            write()
-        except OutputError as error:
-            self.postponed = self.postponed or error
-
-    def _agree_on_postponed(self) -> None:
-        """Raise on all ranks what went wrong on rank 0 while only it could know."""
-
-        def tell() -> None:
-            if self.postponed is not None:
-                raise self.postponed
-
-        on_root(self.comm, tell)
-
-    def _draw(self) -> None:
-        if not self.scene.output.summary:
-            return
-        try:
-            from .summary import draw
-
-            draw(self.folder)
-        except (OutputError, ImportError) as error:
-            print(f"{results.SUMMARY} not drawn: {error}")
-
-    def _note(self, text: str) -> None:
-        if self.progress is not None:
-            self.progress.note(text)
+        return Outcome(status, reason, exit_code, steps, self.problem.time, self.diagnostics, expectations)
 
     # ------------------------------------------------------------------ checkpoints
 
+    def _save_if_due(self) -> None:
+        every = self.scene.output.checkpoint_every
+        late = clock.monotonic() - self.saved_clock > CHECKPOINT_SECONDS
+        # rank 0's clock decides, so that all take part in the checkpoint
+        if self.comm.bcast(late) or (every and self.counts.step % every == 0):
+            self._save()
+
     def _save(self) -> None:
         """Write a checkpoint of this step, unless there is one."""
-        if self.saved_step == self.step:
+        if self.saved_step == self.counts.step:
             return
         with self.checkpoint_event:
             state = self.problem.state()
             geometry = self.problem.geometry()
-            facts = {
-                "step": self.step,
-                "time": self.problem.time,
-                "step_size": self.step_size.state(),
-                "iterations": self.iterations,
-                "totals": self.totals,
-                "frame_times": self.series.times if self.series is not None else [],
-                "wall": self._wall(),
-                "scene": self.plain_scene,
-                "geometry": checkpoints.geometry_digest(geometry),
-            }
-            path = checkpoints.path_of(self.folder, self.step)
-            on_root(self.comm, lambda: checkpoints.save(path, state, facts))
-        self.saved_step = self.step
+
+            def write() -> None:
+                series = self.output.series
+                facts = {
+                    "step": self.counts.step,
+                    "time": self.problem.time,
+                    "step_size": self.step_size.state(),
+                    "iterations": self.counts.iterations,
+                    "totals": self.counts.totals,
+                    "frame_times": series.times if series is not None else [],
+                    "wall": self._wall(),
+                    "scene": self.plain_scene,
+                    "geometry": checkpoints.geometry_digest(geometry),
+                }
+                checkpoints.save(checkpoints.path_of(self.folder, self.counts.step), state, facts)
+
+            on_root(self.comm, write)
+        self.saved_step = self.counts.step
         self.saved_clock = clock.monotonic()
 
     def _try_to_save(self) -> str:
         """Save the last good state after a failure or a stop; return what to add to the reason."""
         try:
-            if self.frame_step != self.step:
-                self._write_frame()
+            self.output.frame()
             self._save()
         except OutputError as error:
             return f"; {error}"
         return ""
 
-    def _restore(self, restart: Path, geometry: Any) -> list[str]:
-        """Take over a checkpoint; return lines about damaged ones."""
-
+    def _restore(self, restart: Path, geometry: Any) -> tuple[list[float], list[str]]:
+        """Take over a checkpoint; return the times of its frames, and lines about what was found."""
         kept: list[checkpoints.Checkpoint] = []  # the arrays stay on rank 0
 
         def read() -> tuple[Path, dict[str, Any], list[str]]:
@@ -418,28 +286,25 @@ class _Session:
         path, facts, notes = on_root(self.comm, read)
         self.problem.restore(kept[0].state if kept else {})
         self.problem.time = facts["time"]
-        self.step = self.saved_step = self.frame_step = facts["step"]
         self.step_size.restore(facts["step_size"])
-        self.iterations, self.totals = facts["iterations"], facts["totals"]
-        self.frame_times = facts["frame_times"]
+        self.counts.step, self.counts.iterations = facts["step"], facts["iterations"]
+        self.counts.totals.update(facts["totals"])
+        self.saved_step = self.output.frame_step = facts["step"]
         self.wall_before = facts["wall"]
-        source = path.parent.parent
 
-        def adopt() -> None:
-            if source.resolve() != self.folder.resolve():
-                results.prepare(self.folder, keep=False)
-                results.adopt(source, self.folder, len(self.frame_times))
+        def take_over() -> None:
+            source = path.parent.parent
+            here = source.resolve() == self.folder.resolve()
+            results.prepare(self.folder, keep=here)
+            if not here:
+                results.adopt(source, self.folder, len(facts["frame_times"]))
+            for later in checkpoints.list_checkpoints(self.folder):
+                if checkpoints.step_of(later) > facts["step"]:
+                    later.unlink()
 
-        on_root(self.comm, adopt)
-        return [*notes, f"restarted from {path}: step {self.step}, time {self.problem.time:g}"]
-
-    def _drop_what_came_later(self) -> None:
-        """Forget rows and checkpoints later than the step the run goes on from (rank 0)."""
-        self.history.keep(lambda row: row["step"] <= self.step)
-        self.iteration_table.keep(lambda row: row["step"] <= self.step)
-        for path in checkpoints.list_checkpoints(self.folder):
-            if checkpoints.step_of(path) > self.step:
-                path.unlink()
+        on_root(self.comm, take_over)
+        notes.append(f"restarted from {path}: step {facts['step']}, time {facts['time']:g}")
+        return facts["frame_times"], notes
 
     # ------------------------------------------------------------------ the record
 
@@ -450,10 +315,10 @@ class _Session:
             "part": self.scene.part,
             "status": status,
             "reason": reason,
-            "steps": self.step,
+            "steps": self.counts.step,
             "time": self.problem.time,
             "diagnostics": self.diagnostics,
-            "solver_iterations": {"total": self.iterations, **self.totals},
+            "solver_iterations": {"total": self.counts.iterations, **self.counts.totals},
             "began": self.began,
             "ended": None if status == "running" else record.now(),
             "wall_seconds": self._wall(),
@@ -464,8 +329,23 @@ class _Session:
             "scene": self.plain_scene,
         }
 
+    def _write_end(self, facts: dict[str, Any]) -> str:
+        """Write run.json and draw the summary (rank 0); return what could not be written, and why."""
+        try:
+            record.write_record(self.folder, facts)
+            if self.scene.output.summary:
+                from .summary import draw
+
+                draw(self.folder)
+        except ImportError as error:
+            print(f"{results.SUMMARY} not drawn: {error}")
+        except OutputError as error:
+            return str(error)
+        return ""
+
     def _write_crash(self, error: Exception) -> None:
-        if self.is_root and self.folder.is_dir():
+        """Record an exception that is perhaps this rank's alone (no communication)."""
+        if self.comm.rank == 0 and self.folder.is_dir():
             reason = f"{type(error).__name__}: {error}".splitlines()[0]
             with contextlib.suppress(ExtremalError):
                 record.write_record(self.folder, self._record("failed", reason))

@@ -1,4 +1,4 @@
-"""Being asked to stop: SIGTERM, SIGINT (Ctrl-C) and SIGUSR1 end a run after the current step, with everything saved."""
+"""Being asked to stop: SIGTERM, SIGINT (Ctrl-C) and SIGUSR1 end a run after the current step, all saved."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from types import FrameType
 
-# mpirun answers a SIGTERM of its own by killing its ranks about a second later, but passes SIGUSR1 on: batch systems
-# should send that one (Slurm: --signal=USR1@60).
+# mpirun answers a SIGTERM of its own by killing its ranks about a second later, but passes SIGUSR1 on:
+# batch systems should send that one (Slurm: --signal=USR1@60).
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
 
@@ -29,8 +29,8 @@ class StopRequest:
 def stop_requests() -> Iterator[StopRequest]:
     """Note the stop signals instead of dying of them.
 
-    PETSc's own handler, installed when PETSc was initialised, is replaced for the time of the context. A second Ctrl-C ends
-    the program at once.
+    PETSc's own handler, installed when PETSc was initialised, is replaced for the time of the context.
+    A second Ctrl-C ends the program at once.
     """
     request = StopRequest()
 

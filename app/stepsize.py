@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-# A step counts as easy up to this many nonlinear iterations, and this many easy steps in a row make the next one longer.
+# A step counts as easy up to so many nonlinear iterations; so many easy steps in a row make the next one longer.
 EASY_ITERATIONS = 12
 EASY_STEPS = 2
 GROWTH = 1.5
@@ -52,7 +52,9 @@ class StepSize:
         self.lower = self.first / 1024 if self.smallest is None else self.smallest
         self.upper = max(self.first, self.lower) if self.largest is None else self.largest
         if not 0 < self.lower <= self.upper:
-            raise ValueError(f"smallest step {self.lower:g}: must be greater than 0 and at most the largest step {self.upper:g}")
+            raise ValueError(
+                f"smallest step {self.lower:g}: must be greater than 0 and at most the largest step {self.upper:g}"
+            )
         if self.every is not None and not self.every > 0:
             raise ValueError(f"time between frames {self.every:g}: must be greater than 0")
         self.dt = self._within(self.first) if self.adaptive else self.first
@@ -66,7 +68,7 @@ class StepSize:
         """Return the next time after `time` which a step must end at [s]."""
         if self.every is None:
             return self.end
-        # Counted from zero, not from the last milestone: a restarted run finds the very same floating-point numbers.
+        # Counted from zero, not from the last milestone: a restarted run finds the very same numbers.
         return min((math.floor(time / self.every + ROUNDING) + 1) * self.every, self.end)
 
     def on_milestone(self, time: float) -> bool:
@@ -78,13 +80,13 @@ class StepSize:
     def propose(self, time: float) -> tuple[float, float]:
         """Return the length of the step from `time`, and the time it ends at, both [s].
 
-        The second number is the milestone itself where the step ends on one: `time + length` may differ from it by rounding.
+        Where the step ends on a milestone the second number is that: `time + length` may differ by rounding.
         """
         milestone = self.milestone(time)
         left = milestone - time
         if left <= self.dt * (1 + ROUNDING):
             return left, milestone
-        if self.adaptive and left < 2 * self.dt:  # two equal steps rather than a long one and a sliver
+        if self.adaptive and left < 2 * self.dt * (1 - ROUNDING):  # two equal steps rather than a long one and a sliver
             return left / 2, time + left / 2
         return self.dt, time + self.dt
 

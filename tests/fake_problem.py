@@ -1,15 +1,24 @@
-"""A small problem that obeys the session's protocol: every node of a box of tetrahedra is a damped spring of its own."""
+"""A small problem that obeys the session's protocol: every node of a box of tetrahedra is a damped spring.
+
+Run as a program it makes a results folder: `python fake_problem.py FOLDER [--restart] [--sleep SECONDS] ...`.
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time as clock
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from extremal.app.elastic_scene import Analysis, Expectation, OutputSettings
 from mpi4py import MPI
 from pydantic import BaseModel, Field
+
+
+from extremal.app import session
+from extremal.app.elastic_scene import Analysis, Expectation, OutputSettings
+from extremal.app.parallel import run_on_all
 
 
 def box_of_tetrahedra(n: int, dimension: int = 3) -> tuple[np.ndarray, np.ndarray, str]:
@@ -23,10 +32,20 @@ def box_of_tetrahedra(n: int, dimension: int = 3) -> tuple[np.ndarray, np.ndarra
         return points, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])]), "triangle"
     points = np.column_stack([g.ravel() for g in np.meshgrid(axis, axis, axis, indexing="ij")])
     corner = {
-        (i, j, k): index[i : i + n, j : j + n, k : k + n].ravel() for i in (0, 1) for j in (0, 1) for k in (0, 1)
+        (i, j, k): index[i : i + n, j : j + n, k : k + n].ravel()
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
     }
     cells = []
-    for path in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):  # the six paths along edges
+    for path in (
+        (0, 1, 2),
+        (0, 2, 1),
+        (1, 0, 2),
+        (1, 2, 0),
+        (2, 0, 1),
+        (2, 1, 0),
+    ):  # the six paths along edges
         at, nodes = [0, 0, 0], [corner[0, 0, 0]]
         for direction in path:
             at[direction] = 1
@@ -66,7 +85,14 @@ class FakeProblem:
         self.effects: dict[str, dict[str, float]] = {"springs": {"stiffness": k}}
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
         self.points, self.cells, self.cell_type = box_of_tetrahedra(n, dimension)
-        self.dimension, self.fails, self.iterations, self.sleep, self.k, self.c = dimension, fails, iterations, sleep, k, c
+        self.dimension, self.fails, self.iterations, self.sleep, self.k, self.c = (
+            dimension,
+            fails,
+            iterations,
+            sleep,
+            k,
+            c,
+        )
         bounds = np.linspace(0, len(self.points), comm.size + 1).astype(int)
         self.mine = slice(bounds[comm.rank], bounds[comm.rank + 1])
         start = np.random.default_rng(0).uniform(-amplitude, amplitude, self.points.shape)
@@ -103,7 +129,9 @@ class FakeProblem:
         return None if parts is None else np.concatenate(parts)
 
     def diagnostics(self) -> dict[str, float]:
-        J, smallest = stretches(self.points, self.cells, np.concatenate(self.comm.allgather(self.u)), self.dimension)
+        J, smallest = stretches(
+            self.points, self.cells, np.concatenate(self.comm.allgather(self.u)), self.dimension
+        )
         largest = self.comm.allreduce(float(np.max(np.linalg.norm(self.u, axis=1), initial=0)), MPI.MAX)
         return {
             "time": self.time,
@@ -132,12 +160,21 @@ class FakeProblem:
             return None
         J, smallest = stretches(self.points, self.cells, u, self.dimension)
         at_points = {"displacement": u, "velocity": v}
-        in_cells = {"J": J, "smallest_stretch": smallest, "inverted": J < 0, "region": np.ones(len(J), np.int32)}
+        in_cells = {
+            "J": J,
+            "smallest_stretch": smallest,
+            "inverted": J < 0,
+            "region": np.ones(len(J), np.int32),
+        }
         wanted = set(names or [*at_points, *in_cells]) | {"displacement"}
-        return {n: a for n, a in at_points.items() if n in wanted}, {n: a for n, a in in_cells.items() if n in wanted}
+        return {n: a for n, a in at_points.items() if n in wanted}, {
+            n: a for n, a in in_cells.items() if n in wanted
+        }
 
 
-def stretches(points: np.ndarray, cells: np.ndarray, u: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def stretches(
+    points: np.ndarray, cells: np.ndarray, u: np.ndarray, dimension: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return J and the signed smallest stretch of each cell."""
     X, x = points[cells][:, :, :dimension], (points + u)[cells][:, :, :dimension]
     F = np.einsum("cij,cjk->cki", np.linalg.inv(X[:, 1:] - X[:, :1]), x[:, 1:] - x[:, :1])
@@ -151,7 +188,9 @@ class FakeScene(BaseModel):
     title: str = "springs"
     part: str = "fake"
     stiffness: float = 40.0
-    analysis: Analysis = Field(default_factory=lambda: Analysis(end_time=1.0, time_step=0.1, largest_step=0.1))
+    analysis: Analysis = Field(
+        default_factory=lambda: Analysis(end_time=1.0, time_step=0.1, largest_step=0.1)
+    )
     output: OutputSettings = Field(default_factory=lambda: OutputSettings(summary=False))
     expect: dict[str, Expectation] = Field(default_factory=dict)
 
@@ -169,3 +208,23 @@ def scene(
         expect={name: Expectation(**wanted) for name, wanted in (expect or {}).items()},
         **rest,
     )
+
+
+def main() -> int:
+    """Run forty steps, slowly enough to be interrupted; return the exit code."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("folder")
+    parser.add_argument("--restart", action="store_true")
+    parser.add_argument("--sleep", type=float, default=0.002)
+    parser.add_argument("--n", type=int, default=3)
+    options = parser.parse_args()
+    settings = scene(analysis={"time_step": 0.025, "largest_step": 0.025}, output={"checkpoint_every": 4})
+    problem = FakeProblem(MPI.COMM_WORLD, n=options.n, sleep=options.sleep)
+    restart = options.folder if options.restart else None
+    return run_on_all(
+        MPI.COMM_WORLD, lambda: session.run(problem, settings, options.folder, restart=restart).exit_code
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

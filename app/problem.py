@@ -1,0 +1,55 @@
+"""What a part of the application must offer so that a session can run it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+    from numpy.typing import NDArray
+
+
+class Problem(Protocol):
+    """What a session drives; every method is collective.
+
+    Attributes
+    ----------
+    time : float
+        Time [s] or load parameter.
+    effects : dict
+        Effects that are on, with facts about each.
+    on_iteration : callable, optional
+        Set by the session; called on all ranks with figures of each solver iteration.
+    """
+
+    comm: MPI.Comm
+    time: float
+    effects: dict[str, dict[str, float]]
+    on_iteration: Callable[[dict[str, float]], None] | None
+
+    def advance(self, dt: float) -> dict[str, float]:
+        """Make one step to `time + dt`, or raise ArithmeticError on all ranks with the state as before."""
+        ...
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return the columns of history.csv, the same on all ranks."""
+        ...
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return on rank 0 everything `restore` needs, in an order that does not depend on the ranks."""
+        ...
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Take over a state from rank 0."""
+        ...
+
+    def geometry(self) -> tuple[NDArray[Any], NDArray[Any], str] | None:
+        """Return on rank 0 points (n, 3) [m], cells (m, k) and their meshio name; None elsewhere or without mesh."""
+        ...
+
+    def fields(
+        self, names: Sequence[str] | None = None
+    ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]] | None:
+        """Return on rank 0 the fields at points and in cells."""
+        ...
