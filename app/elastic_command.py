@@ -74,10 +74,15 @@ def _solve(
     comm: MPI.Comm,
 ) -> int:
     # Loaded last: these bring dolfinx and gmsh, which a scene with an error never needs.
+    from petsc4py import PETSc
+
     from . import session
     from .elastic import build
 
-    problem = build(scene, comm)
+    try:
+        problem = build(scene, comm)
+    except PETSc.Error as error:
+        raise options.refusal(error) or error from None
     outcome = session.run(
         problem, scene, folder, restart=restart, scene_path=Path(args.scene), quiet=args.quiet
     )

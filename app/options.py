@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
@@ -115,7 +116,7 @@ class PetscOptions:
         started = "petsc4py.PETSc" in sys.modules
         import petsc4py
 
-        petsc4py.init([sys.argv[0] or "extremal", *arguments])
+        petsc4py.init(["extremal", *arguments])
         from petsc4py import PETSc
 
         self._database = PETSc.Options()
@@ -161,6 +162,18 @@ class PetscOptions:
                 f"-{name}" + (f" {value}" if value else "") + (f" (did you mean -{near}?)" if near else "")
             )
         return "unused PETSc options: " + ", ".join(parts) if parts else None
+
+    def refusal(self, error: Exception) -> InputError | None:
+        """Return an error that names the option at which PETSc raised `error`, None if it was none."""
+        reason = str(error).strip().splitlines()[-1].partition("] ")[2]
+        for name, value in self._database.getAll().items():
+            if (
+                name.lower() in self.given
+                and value
+                and re.search(rf"(?<!\w){re.escape(value)}(?!\w)", reason)
+            ):
+                return InputError(f"-{name} {value}: PETSc: {reason}")
+        return None
 
     def close(self) -> None:
         """Keep PETSc's own report at exit from repeating ours and from naming our defaults."""

@@ -228,3 +228,12 @@ def test_every_rank_gets_the_same_error(shared_path: Path, comm: MPI.Intracomm) 
         load_scene(path, comm)
     assert len(caught.value.messages) == 2
     assert len(set(comm.allgather(caught.value.messages))) == 1
+
+
+def test_the_reference_in_docs_is_current() -> None:
+    from extremal.app.scene_reference import markdown
+
+    written = Path(__file__).parent.parent / "docs" / "scenes.md"
+    assert written.read_text(encoding="utf-8") == markdown(), (
+        "python -m extremal.app.scene_reference > docs/scenes.md"
+    )

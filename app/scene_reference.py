@@ -1,0 +1,149 @@
+"""Reference of all keys of a scene, from the models themselves: `python -m extremal.app.scene_reference`."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from .elastic_scene import ElasticScene
+from .expression import CONSTANTS, FUNCTIONS
+
+INTRODUCTION = """# Scene files of `extremal elastic`
+
+Written by `python -m extremal.app.scene_reference > docs/scenes.md` from the models that validate scenes.
+
+A scene is a TOML file. `extremal check SCENE...` lists everything wrong in it; `extremal elastic SCENE` runs
+it. Only `[mesh]` and `[material]` are needed; an absent table means: no such effect, at no cost. Unknown keys
+are errors. Units are SI throughout. Where the table says nothing of a default, the effect or key is absent.
+
+```toml
+title = "a cube, stretched"
+[mesh]
+shape = "box"
+cell_size = 0.2                    # m
+[material]
+young_modulus = 1e5                # Pa
+poisson_ratio = 0.45
+[[fixed]]
+boundary = "left"
+[[motion]]
+boundary = "right"
+displacement = ["0.5*t", 0, 0]     # m
+[expect]
+status = "finished"
+inverted = 0
+```
+
+## Expressions
+
+Where a number may be an expression, write it in quotes: arithmetic `+ - * / **`, comparisons
+`< <= > >= == !=`, `and`, `or`, `not`, the constants {constants} and the functions
+{functions}.
+`where(condition, a, b)` chooses, `log` is the natural logarithm. Nothing is executed as Python, and powers
+are at most 64. Positions x, y, z are those of the reference body [m]; in the plane z is 0.
+"""
+
+NOTES = {
+    "mesh": "A shape's own parameters (`size`, `radius`, `dimension` ...) stand beside these; "
+    "`extremal mesh SHAPE --help` lists them.",
+    "regions": "Any subset of the keys of `[material]`, which it overrides in that region of the mesh. A "
+    "region with another law, extension or pair of moduli does not inherit what belonged to the old one.",
+    "material": "Give `young_modulus` and `poisson_ratio`, or `shear_modulus` and `lame_lambda`. `density` "
+    "has no default: dynamics and gravity ask for it. A custom energy may use `mu` and `lam` if moduli are "
+    "given.",
+    "petsc": 'Any PETSc option as `name = value`, for example `elastic_ksp_type = "cg"`. The command line '
+    "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
+    "expect": "`name = number`, or a table with these keys, over the final diagnostics, `status` and "
+    "`steps`.",
+    "continuation": "Stages are an addition of this program to the method it implements.",
+}
+
+
+def markdown() -> str:
+    """Return the whole reference."""
+    introduction = INTRODUCTION.format(
+        constants=", ".join(f"`{name}`" for name in CONSTANTS),
+        functions=textwrap.fill(", ".join(f"`{name}`" for name in FUNCTIONS), 105),
+    )
+    parts = [introduction, "## Top level\n", _table(ElasticScene, plain_only=True)]
+    for name, field in ElasticScene.model_fields.items():
+        model = _model(field.annotation)
+        if model is None and name != "petsc":
+            continue
+        parts += [f"## {_heading(name, field)}\n", _sentence(str(field.description))]
+        if name in NOTES:
+            parts.append(NOTES[name] + "\n")
+        if model is not None and name != "regions":
+            parts.append(_table(model))
+            parts += _inner(name, model)
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _inner(name: str, model: type[BaseModel]) -> Iterator[str]:
+    for key, field in model.model_fields.items():
+        below = _model(field.annotation)
+        if below is not None:
+            yield f"### {key} of [[{name}]]\n"
+            yield _table(below)
+
+
+def _heading(name: str, field: FieldInfo) -> str:
+    if name == "regions":
+        return "[regions.NAME]"
+    return f"[[{name}]]" if get_origin(field.annotation) is tuple else f"[{name}]"
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:].rstrip(".") + ".\n"
+
+
+def _table(model: type[BaseModel], plain_only: bool = False) -> str:
+    rows = ["| key | default | meaning |", "|---|---|---|"]
+    for key, field in model.model_fields.items():
+        if plain_only and (_model(field.annotation) is not None or key == "petsc"):
+            continue
+        choices = ", ".join(
+            f'`"{c}"`' if isinstance(c, str) else f"`{c}`" for c in _choices(field.annotation)
+        )
+        meaning = f"{field.description}{': ' * bool(choices)}{choices}"
+        rows.append(f"| `{key}` | {_default(field)} | {meaning.replace('|', chr(92) + '|')} |")
+    return "\n".join(rows) + "\n"
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "needed"
+    if field.default_factory is not None or field.default in (None, (), "", PydanticUndefined):
+        return ""
+    value: Any = field.default
+    if isinstance(value, tuple):
+        return "`[" + ", ".join(f'"{entry}"' for entry in value) + "]`"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f'`"{value}"`' if isinstance(value, str) else f"`{value:g}`"
+
+
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    for argument in get_args(annotation):
+        found = _choices(argument)
+        if found:
+            return found
+    return ()
+
+
+def _model(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    found = (_model(argument) for argument in get_args(annotation))
+    return next((model for model in found if model is not None), None)
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")
