@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from .laws import Law, LawError
 
 EXTENSIONS = ("none", "c1", "c2", "ife")
+_SOURCES = ("kernel.c", "response.h", "stretches.h", "threshold.h")
 _FLAGS = ("-O3", "-march=native", "-std=c11", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
@@ -93,7 +94,9 @@ class Kernel:
         """U (n, d, d), stretches (n, d), V (n, d, d) with F = U diag(σ) Vᵀ and U, V rotations."""
         n, d = gradient.shape[0], self.dimension
         left, sigma, right = np.empty((n, d, d)), np.empty((n, d)), np.empty((n, d, d))
-        self._library.extremal_stretches(n, _pointer(gradient), _pointer(sigma), _pointer(left), _pointer(right))
+        self._library.extremal_stretches(
+            n, _pointer(gradient), _pointer(sigma), _pointer(left), _pointer(right)
+        )
         return left, sigma, right
 
     def response(self, stretches: NDArray, parameters: Sequence[float]) -> tuple[NDArray, NDArray, NDArray]:
@@ -140,9 +143,10 @@ def _load(law: Law, extension: str, comm: MPI.Comm) -> ctypes.CDLL:
 def _generator() -> str:
     """What the compiled code depends on besides the law: the generator, the kernel, the machine."""
     here = Path(__file__).parent
-    text = "".join((here / name).read_text() for name in ("symbolic.py", "laws.py", "kernel.c"))
+    text = "".join((here / name).read_text() for name in ("symbolic.py", "laws.py", *_SOURCES))
     try:
-        machine = next(line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("flags"))
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        machine = next(line for line in lines if line.startswith("flags"))
     except (OSError, StopIteration):
         machine = platform.machine()
     return text + machine + " ".join(_FLAGS)
@@ -162,10 +166,13 @@ def _build(law: Law, extension: str) -> Path:
     compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[:1]
     with tempfile.TemporaryDirectory(dir=cache_folder) as scratch:
         source = Path(scratch) / "law.c"
-        source.write_text(c_source(law, extension) + (Path(__file__).parent / "kernel.c").read_text())
+        source.write_text(c_source(law, extension))
         made = Path(scratch) / "law.so"
         subprocess.run(
-            [*compiler, *_FLAGS, str(source), "-o", str(made), "-lm"], check=True, capture_output=True, text=True
+            [*compiler, *_FLAGS, f"-I{Path(__file__).parent}", str(source), "-o", str(made), "-lm"],
+            check=True,
+            capture_output=True,
+            text=True,
         )
         made.replace(library)
     return library

@@ -6,8 +6,9 @@ The energy is differentiated in coordinates y that vanish at rest:
            i1 = 3 + e1, i2 = 3 + 2e1 + e2, J = 1 + e1 + e2 + e3   (2D: i1 = 2 + e1, J = 1 + e1 + e2)
     y = d  the di themselves (for laws written in single stretches)
 
-so that small strains keep all their digits. The C2 extension (6.3.2) needs no more of a law than its derivatives
-up to the fourth; `kernel.c` does the rest.
+so that small strains keep all their digits. A law without extension may be asked about nearly flat states,
+where these lose theirs: there y = (i1, i2, J). The C2 extension (6.3.2) needs no more of a law than its
+derivatives up to the fourth; `kernel.c` does the rest.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def _in_coordinates(law: Law, y: tuple[sp.Expr, ...]) -> sp.Expr:
 
 
 def _cancel_constants(expr: sp.Expr) -> sp.Expr:
-    """Multiply out sums of polynomial terms so that constants cancel exactly and small strains keep digits."""
+    """Multiply out sums of polynomials so that constants cancel exactly and small strains keep digits."""
     return sp.expand(expr, log=False, power_base=False, power_exp=False)
 
 
@@ -59,6 +60,15 @@ def base(law: Law, order: int) -> list[sp.Expr]:
     return _derivatives(_in_coordinates(law, y), y, order)
 
 
+def far(law: Law) -> list[sp.Expr]:
+    """Ψ and its derivatives to second order in (i1, i2, J), 2D (i1, J)."""
+    y = _Y[: law.dimension]
+    table = {i1: y[0], J: y[-1], I1: y[0] ** 2 - 2 * y[1]}
+    if law.dimension == 3:
+        table |= {i2: y[1], I2: y[1] ** 2 - 2 * y[0] * y[2]}
+    return _derivatives(law.energy.xreplace(table), y, 2)
+
+
 def c1(law: Law, below: int) -> list[sp.Expr]:
     """Ψext of 6.3.1 and its derivatives in d when the `below` smallest stretches are under ε (appendix B.2).
 
@@ -75,10 +85,16 @@ def c1(law: Law, below: int) -> list[sp.Expr]:
     return _derivatives(expr.subs({s[a]: 1 + d[a] for a in range(law.dimension)}) + penalty, d, 2)
 
 
-def direct(law: Law) -> list[sp.Expr]:
-    """[Ψ, ∂Ψ/∂I1, ∂Ψ/∂I2, ∂Ψ/∂J] in (I1 - d, I2 - 3, J - 1): what P needs where no stretch is asked for."""
+def direct(law: Law, *, from_rest: bool = True) -> list[sp.Expr]:
+    """[Ψ, ∂Ψ/∂I1, ∂Ψ/∂I2, ∂Ψ/∂J] in (I1 - d, I2 - 3, J - 1): what P needs where no stretch is asked for.
+
+    Without `from_rest` in (I1, I2, J).
+    """
     a, b, c = _Y
-    psi = _cancel_constants(law.energy.xreplace({I1: law.dimension + a, I2: 3 + b, J: 1 + c}))
+    if from_rest:
+        psi = _cancel_constants(law.energy.xreplace({I1: law.dimension + a, I2: 3 + b, J: 1 + c}))
+    else:
+        psi = law.energy.xreplace({I1: a, I2: b, J: c})
     return [psi, sp.diff(psi, a), sp.diff(psi, b), sp.diff(psi, c)]
 
 
@@ -111,23 +127,31 @@ def _function(name: str, expressions: list[sp.Expr], law: Law) -> str:
     lines = [f"  const double c = {trace};", "  (void)c; (void)p;"]
     lines += [f"  const double {left} = {text(right)};" for left, right in steps]
     lines += [f"  w[{k}] = {text(right)};" for k, right in enumerate(results)]
-    return f"static void {name}(const double *y, const double *p, double *w) {{\n" + "\n".join(lines) + "\n}\n"
+    head = f"static void {name}(const double *y, const double *p, double *w) {{"
+    return "\n".join([head, *lines, "}\n"])
 
 
 def c_source(law: Law, extension: str) -> str:
     """The law-specific half of the kernel (the other half is kernel.c)."""
+    is_far = extension == "none" and not law.uses_stretches
     parts = [
         f"#define D {law.dimension}",
         f"#define LAW_PARAMETERS {len(law.parameters)}",
         f"#define IN_STRETCHES {int(law.uses_stretches)}",
         f"#define EXTENSION_{extension.upper()} 1",
         f"#define SKIPS_SVD {int(law.skips_svd)}",
+        f"#define FAR {int(is_far)}",
+        "#include <math.h>",
         _function("base", base(law, 2), law),
     ]
     if law.skips_svd:
         parts.append(_function("direct", direct(law), law))
+    if is_far:
+        parts.append(_function("base_far", far(law), law))
+        if law.skips_svd:
+            parts.append(_function("direct_far", direct(law, from_rest=False), law))
     if extension == "c2":
         parts.append(_function("base4", base(law, 4), law))
     if extension == "c1":
         parts += [_function(f"below_{n}", c1(law, n), law) for n in range(1, law.dimension + 1)]
-    return "\n".join(parts)
+    return "\n".join([*parts, '#include "kernel.c"\n'])
