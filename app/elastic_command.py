@@ -81,11 +81,11 @@ def _solve(
 
     try:
         problem = build(scene, comm)
+        outcome = session.run(
+            problem, scene, folder, restart=restart, scene_path=Path(args.scene), quiet=args.quiet
+        )
     except PETSc.Error as error:
         raise options.refusal(error) or error from None
-    outcome = session.run(
-        problem, scene, folder, restart=restart, scene_path=Path(args.scene), quiet=args.quiet
-    )
     line = options.unused_line()
     if line is not None and comm.rank == 0:
         print(f"extremal: {line}", file=sys.stderr, flush=True)

@@ -201,7 +201,9 @@ class SolverSettings(Table):
     tolerance: Annotated[Number, Field(gt=0, lt=1)] = Field(
         1e-8, description="largest residual force relative to the problem's scale of force [1]"
     )
-    iterations: Annotated[Integer, Field(ge=1)] = Field(150, description="most Newton iterations in a step")
+    iterations: Annotated[Integer, Field(ge=1, le=1_000_000)] = Field(
+        150, description="most Newton iterations in a step"
+    )
     tangent: Literal["projected", "exact"] = Field(
         "projected",
         description="projected: positive tangent while far from the solution; exact: never projected",

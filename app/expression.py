@@ -12,6 +12,7 @@ import math
 import operator
 import re
 import unicodedata
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -183,7 +184,10 @@ def _read(text: str, names: Sequence[str]) -> _Part:
         raise ExpressionError(f"column {reserved.start() + 1}: lambda is a word of the language; write lam")
     _check_brackets(text)
     try:
-        tree = ast.parse(text, mode="eval")
+        with warnings.catch_warnings():
+            # Python would print its advice about text such as 1if.
+            warnings.simplefilter("ignore")
+            tree = ast.parse(text, mode="eval")
     except SyntaxError as error:
         column = error.offset or 0
         if not 0 < column <= len(text):

@@ -96,6 +96,18 @@ def check_files(arguments: Sequence[str]) -> None:
             raise InputError(f"{option}: needs a file")
         if not Path(value).is_file():
             raise InputError(f"{option} {value}: no such file")
+        if option.lower() == "-options_file" and Path(value).suffix not in (".yml", ".yaml"):
+            _check_lines(Path(value))
+
+
+def _check_lines(path: Path) -> None:
+    """Raise InputError for the first line which is neither an option nor a comment."""
+    continued = False
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        word = line.split()[0] if line.split() else "#"
+        if not continued and word[0] not in "#!" and not _is_option(word) and word != "alias":
+            raise InputError(f"{path}: line {number}: {word}: an option begins with -, a comment with #")
+        continued = line.endswith("\\")
 
 
 class PetscOptions:
@@ -116,7 +128,11 @@ class PetscOptions:
         started = "petsc4py.PETSc" in sys.modules
         import petsc4py
 
-        petsc4py.init(["extremal", *arguments])
+        try:
+            petsc4py.init(["extremal", *arguments])
+        except Exception as error:
+            reason = str(error).strip().splitlines()[-1]
+            raise InputError(f"PETSc refuses its options {' '.join(arguments)}: {reason}") from None
         from petsc4py import PETSc
 
         self._database = PETSc.Options()

@@ -19,6 +19,18 @@ T = TypeVar("T")
 # How long [s] a failed rank 0 waits for the others to fail in the same way before it ends them.
 PATIENCE = 1.0
 
+# What provides the libraries which do not come with this package.
+DEBIAN_PACKAGES = {
+    "dolfinx": "python3-dolfinx",
+    "gmsh": "python3-gmsh",
+    "h5py": "python3-h5py",
+    "matplotlib": "python3-matplotlib",
+    "meshio": "python3-meshio",
+    "petsc4py": "python3-petsc4py",
+    "scipy": "python3-scipy",
+    "sympy": "python3-sympy",
+}
+
 
 def on_root(comm: MPI.Comm, function: Callable[[], T]) -> T:
     """Run `function` on rank 0 and return its result, or raise its exception, on all ranks (collective).
@@ -110,6 +122,9 @@ def _explain(error: Exception, program: str) -> tuple[str, int]:
         return "\n".join(f"{program}: {line}" for line in error.messages), error.exit_code
     if isinstance(error, _input_errors()):
         return f"{program}: {error}", EXIT_INPUT
+    if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in DEBIAN_PACKAGES:
+        name = str(error.name).partition(".")[0]
+        return f"{program}: {name} is not installed; apt install {DEBIAN_PACKAGES[name]}", EXIT_UNEXPECTED
     shown = "".join(traceback.format_exception(error)).rstrip()
     return f"{shown}\n{program}: unexpected {type(error).__name__}: {error}", EXIT_UNEXPECTED
 

@@ -47,9 +47,13 @@ class Table(BaseModel):
 def _number(value: Any) -> Any:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong("must be a number")
-    if not math.isfinite(value):
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
         raise wrong("must be a finite number")
-    return float(value)
+    return number
 
 
 def _boolean(value: Any) -> Any:

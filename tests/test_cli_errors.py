@@ -51,6 +51,10 @@ CASES = [
     ("elastic scene.toml -options_file nothing", "-options_file nothing: no such file"),
     ("elastic scene.toml -options_file", "-options_file: needs a file"),
     (
+        "elastic scene.toml -options_file scene.toml.rc",
+        "scene.toml.rc: line 3: elastic_ksp_type: an option begins with -, a comment with #",
+    ),
+    (
         "elastic scene.toml -o full",
         "full: is not empty; give --restart to continue it, --overwrite to replace it, "
         "or another folder by -o",
@@ -99,6 +103,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(study_command, "names", lambda: ["contour", "speed"])
     monkeypatch.setattr(elastic_command, "_solve", lambda *_: pytest.fail("the scene was run"))
     (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml.rc").write_text("# solver\n-elastic_ksp_rtol 1e-3\nelastic_ksp_type cg\n")
     (tmp_path / "full" / "folder.msh").mkdir(parents=True)
     for name in ("notes.txt", "old.msh"):
         (tmp_path / "full" / name).write_text("")

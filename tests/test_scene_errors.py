@@ -13,6 +13,12 @@ MATERIAL = "[material]\nyoung_modulus = 1e5\npoisson_ratio = 0.3\n"
 
 # (scene, one line for each error)
 CASES: list[tuple[str, ...]] = [
+    ("title = 1979-05-27", "title = 1979-05-27: must be text in quotes"),
+    (
+        "[solver]\ntolerance = 1" + "0" * 400,
+        "[solver] tolerance = 1" + "0" * 55 + " ...: must be a finite number",
+    ),
+    ("[solver]\niterations = 2000000", "[solver] iterations = 2000000: must be at most 1e+06"),
     (
         "title = 3",
         "title = 3: must be text in quotes",
