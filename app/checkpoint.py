@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import h5py
 import numpy as np
@@ -28,12 +28,17 @@ KEPT = 2
 BLOCK = 512
 MARK = b"extremal checkpoint, sha256 of what follows: "
 
-# What a person may change in a scene before a restart: how long, how finely, how watched, how solved; not what.
+# Points nearer than this, relative to the mesh's size, are the same.
+SAME_POINT = 1e-9
+
+# What a person may change in a scene before a restart: how long, how finely, how watched, how solved.
 HARMLESS = (
     "title", "description", "output", "expect", "solver", "petsc", "continuation", "mesh.file",
     "analysis.end_time", "analysis.time_step", "analysis.smallest_step", "analysis.largest_step",
     "analysis.adaptive", "analysis.error_tolerance",
 )  # fmt: skip
+
+Geometry: TypeAlias = "tuple[NDArray[Any], NDArray[Any], str] | None"
 
 
 class CheckpointError(ValueError):
@@ -47,6 +52,7 @@ class Checkpoint:
     path: Path
     state: dict[str, NDArray[Any]]
     facts: dict[str, Any]
+    geometry: Geometry
 
 
 def path_of(folder: Path, step: int) -> Path:
@@ -65,7 +71,9 @@ def step_of(path: Path) -> int:
     return int(path.stem.removeprefix("step_"))
 
 
-def save(path: Path, state: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]) -> None:
+def save(
+    path: Path, state: Mapping[str, NDArray[Any]], facts: Mapping[str, Any], geometry: Geometry = None
+) -> None:
     """Write a checkpoint (whole or not at all) and remove all but the last two.
 
     Raises
@@ -78,6 +86,8 @@ def save(path: Path, state: Mapping[str, NDArray[Any]], facts: Mapping[str, Any]
             file.attrs["format"] = FORMAT
             text = json.dumps({**facts, "arrays": list(state)})
             file["facts"] = np.frombuffer(text.encode(), np.uint8)
+            if geometry is not None:
+                file["mesh/points"], file["mesh/cells"], file["mesh"].attrs["cell_type"] = geometry
             group = file.create_group("state")
             for name, values in state.items():
                 group[name] = values
@@ -110,9 +120,13 @@ def load(path: Path) -> Checkpoint:
                 raise CheckpointError(f"has format {file.attrs['format']}: accepted is {FORMAT}")
             facts = json.loads(file["facts"][()].tobytes())
             state = {name: file["state"][name][()] for name in facts["arrays"]}
+            geometry = None
+            if "mesh" in file:
+                mesh = file["mesh"]
+                geometry = mesh["points"][()], mesh["cells"][()], mesh.attrs["cell_type"]
     except OSError as error:
         raise CheckpointError(f"cannot be read: {error.strerror or error}") from error
-    return Checkpoint(path, state, facts)
+    return Checkpoint(path, state, facts, geometry)
 
 
 def newest(place: Path) -> tuple[Checkpoint, list[str]]:
@@ -142,26 +156,27 @@ def newest(place: Path) -> tuple[Checkpoint, list[str]]:
     raise InputError(f"--restart {place}: no good checkpoint: {'; '.join(passed_over)}")
 
 
-def geometry_digest(geometry: tuple[NDArray[Any], NDArray[Any], str] | None) -> str:
-    """Return a SHA-256 that tells one mesh from another; "" for a problem without one."""
-    if geometry is None:
-        return ""
-    points, cells, cell_type = geometry
-    digest = hashlib.sha256(f"{cell_type} {points.shape} {cells.shape}".encode())
-    digest.update(np.ascontiguousarray(points, np.float64).tobytes())
-    digest.update(np.ascontiguousarray(cells, np.int64).tobytes())
-    return digest.hexdigest()
+def _same_mesh(mine: Geometry, its: Geometry) -> bool:
+    """Tell whether two meshes are the same, but for rounding of points (it depends on the rank count)."""
+    if mine is None or its is None:
+        return mine is its
+    points, cells, cell_type = mine
+    if cell_type != its[2] or points.shape != its[0].shape or not np.array_equal(cells, its[1]):
+        return False
+    return bool(
+        np.allclose(points, its[0], rtol=0.0, atol=SAME_POINT * max(np.ptp(points, axis=0), default=0.0))
+    )
 
 
-def check_same(checkpoint: Checkpoint, scene: Mapping[str, Any], geometry: str) -> None:
+def check_same(checkpoint: Checkpoint, scene: Mapping[str, Any], geometry: Geometry) -> None:
     """Refuse to go on with another scene or mesh than the checkpoint's.
 
     Parameters
     ----------
     scene : mapping
         The scene as plain values, as `run.json` holds it.
-    geometry : str
-        `geometry_digest` of the mesh in use.
+    geometry : tuple of points, shape (n, 3) [m], cells, shape (m, k), and the cells' meshio name, or None
+        The mesh in use.
 
     Raises
     ------
@@ -179,7 +194,7 @@ def check_same(checkpoint: Checkpoint, scene: Mapping[str, Any], geometry: str) 
             f"{checkpoint.path}: the scene has been changed since: {', '.join(changed)}; "
             "accepted are changes of output, expect, solver, petsc and the analysis's times and steps"
         )
-    if checkpoint.facts["geometry"] != geometry:
+    if not _same_mesh(geometry, checkpoint.geometry):
         raise InputError(f"{checkpoint.path}: the mesh has been changed since; accepted is the same mesh")
 
 

@@ -1,4 +1,4 @@
-"""What a session writes while it runs: a row of history each step, frames of the fields, a line each iteration."""
+"""What a session writes as it runs: history of the steps and iterations, frames of the fields."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Output:
         frame_times: list[float],
         progress: Progress | None,
     ) -> None:
-        """Go on with the tables and frames that stand in the folder, less what came after the current step."""
+        """Go on with the tables and frames in the folder, less what came after the current step."""
 
         def go_on() -> None:
             self.history = Table(self.folder / HISTORY)
@@ -116,7 +116,8 @@ class Output:
             if self.progress is not None:
                 self.progress.iteration(figures)
         every = self.settings.iterations
-        if self.has_fields and every and figures.get("iteration", 1) > 0 and self.counts.iterations % every == 0:
+        counted = figures.get("iteration", 1) > 0
+        if self.has_fields and every and counted and self.counts.iterations % every == 0:
             with self.event:
                 write = self._gather_frame()
                 if self.comm.rank == 0:

@@ -45,7 +45,7 @@ class Problem(Protocol):
         ...
 
     def geometry(self) -> tuple[NDArray[Any], NDArray[Any], str] | None:
-        """Return on rank 0 points (n, 3) [m], cells (m, k) and their meshio name; None elsewhere or without mesh."""
+        """Return on rank 0 points (n, 3) [m], cells (m, k), their meshio name; None elsewhere or meshless."""
         ...
 
     def fields(

@@ -42,11 +42,16 @@ class Progress:
         if quiet or not sys.stdout.isatty():
             return
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.table import Column
 
+        one_line = Column(no_wrap=True)
         self.bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"),
-            TimeRemainingColumn(), TextColumn("{task.fields[facts]}", markup=False),
-        )  # fmt: skip
+            TextColumn("{task.description}", table_column=Column(no_wrap=True, max_width=24)),
+            BarColumn(bar_width=16),
+            TextColumn("{task.percentage:>3.0f}%"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[facts]}", markup=False, table_column=one_line),
+        )
         self.task = self.bar.add_task(title.replace("[", "\\["), total=end - start, facts="")
         self.begin = start
         self.bar.start()
@@ -55,7 +60,7 @@ class Progress:
         """Tell about a finished step."""
         self.last_told = clock.monotonic()
         if self.bar is not None:
-            self.bar.update(self.task, completed=time - self.begin, facts=f"step {step} {_facts(figures)}")
+            self.bar.update(self.task, completed=time - self.begin, facts=f"step {step}  {_facts(figures)}")
         elif not self.quiet:
             facts = _facts(figures)
             print(f"step {step}  time {time:.6g}  dt {dt:.3g}  {facts}  wall {wall:.1f} s", flush=True)
@@ -87,4 +92,4 @@ class Progress:
 
 
 def _facts(figures: Mapping[str, float]) -> str:
-    return "  ".join(f"{word} {figures[name]:.6g}" for name, word in SHOWN.items() if name in figures)
+    return "  ".join(f"{word} {figures[name]:.4g}" for name, word in SHOWN.items() if name in figures)

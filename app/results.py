@@ -1,4 +1,4 @@
-"""The results folder: files that are whole or absent, tables that grow by whole lines, frames for ParaView."""
+"""The results folder: files whole or absent, tables that grow by whole lines, frames for ParaView."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def output_error(path: Path, error: OSError) -> OutputError:
 
 @contextlib.contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield the name of a file to write; it becomes `path`, whole and on the disk, when the context ends well.
+    """Yield the name of a file to write; it becomes `path`, whole and on disk, when the context ends well.
 
     Raises
     ------
@@ -99,7 +99,8 @@ def prepare(folder: Path, keep: bool) -> None:
             old.unlink()
     except OSError as error:
         raise InputError(
-            f"-o {folder}: cannot be used: {error.strerror} ({error.filename}); accepted is a folder you may write to"
+            f"-o {folder}: cannot be used: {error.strerror} ({error.filename}); "
+            "accepted is a folder you may write to"
         ) from error
 
 
@@ -243,7 +244,7 @@ def _plain(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def adopt(source: Path, folder: Path, frames: int) -> None:
-    """Take over tables and the first `frames` frames of another results folder: the run goes on in this one."""
+    """Take over tables and the first `frames` frames of another results folder, to go on in this one."""
     names = [HISTORY, ITERATIONS, *(Series.name(index) for index in range(frames))]
     for name in names:
         if (source / name).exists():

@@ -64,7 +64,7 @@ def run(
     Returns
     -------
     Outcome
-        Exit code 0: finished, every expectation met; 3: failed, stopped by a signal, or an expectation missed.
+        Exit code 0: finished, all expectations met; 3: failed, stopped by a signal, or one missed.
 
     Raises
     ------
@@ -256,9 +256,8 @@ class _Session:
                     "frame_times": series.times if series is not None else [],
                     "wall": self._wall(),
                     "scene": self.plain_scene,
-                    "geometry": checkpoints.geometry_digest(geometry),
                 }
-                checkpoints.save(checkpoints.path_of(self.folder, self.counts.step), state, facts)
+                checkpoints.save(checkpoints.path_of(self.folder, self.counts.step), state, facts, geometry)
 
             on_root(self.comm, write)
         self.saved_step = self.counts.step
@@ -279,7 +278,7 @@ class _Session:
 
         def read() -> tuple[Path, dict[str, Any], list[str]]:
             found, passed_over = checkpoints.newest(restart)
-            checkpoints.check_same(found, self.plain_scene, checkpoints.geometry_digest(geometry))
+            checkpoints.check_same(found, self.plain_scene, geometry)
             kept.append(found)
             return found.path, found.facts, passed_over
 

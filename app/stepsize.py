@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-# A step counts as easy up to so many nonlinear iterations; so many easy steps in a row make the next one longer.
+# A step is easy up to so many nonlinear iterations; so many easy steps in a row make the next one longer.
 EASY_ITERATIONS = 12
 EASY_STEPS = 2
 GROWTH = 1.5
@@ -53,7 +53,8 @@ class StepSize:
         self.upper = max(self.first, self.lower) if self.largest is None else self.largest
         if not 0 < self.lower <= self.upper:
             raise ValueError(
-                f"smallest step {self.lower:g}: must be greater than 0 and at most the largest step {self.upper:g}"
+                f"smallest step {self.lower:g}: must be greater than 0 and at most the largest step, "
+                f"{self.upper:g}"
             )
         if self.every is not None and not self.every > 0:
             raise ValueError(f"time between frames {self.every:g}: must be greater than 0")
@@ -86,7 +87,8 @@ class StepSize:
         left = milestone - time
         if left <= self.dt * (1 + ROUNDING):
             return left, milestone
-        if self.adaptive and left < 2 * self.dt * (1 - ROUNDING):  # two equal steps rather than a long one and a sliver
+        # two equal steps rather than a long one and a sliver
+        if self.adaptive and left < 2 * self.dt * (1 - ROUNDING):
             return left / 2, time + left / 2
         return self.dt, time + self.dt
 

@@ -1,4 +1,4 @@
-"""`summary.png`: what happened and whether to trust it, at a glance. Drawn from the files of a results folder alone."""
+"""`summary.png`: what happened and whether to trust it. Drawn from the files of a results folder alone."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 @dataclass(frozen=True)
 class Shape:
-    """What is seen of a frame: deformed facets (f, corners, 3) [m], value and inversion of each one's cell."""
+    """What is seen of a frame: deformed facets (f, corners, 3) [m], value and inversion of their cells."""
 
     facets: NDArray[Any]
     values: NDArray[Any]
@@ -210,7 +210,8 @@ def _draw_solid(axes: Any, shape: Shape, bounds: NDArray[Any], scale: colors.Nor
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
     axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
-    axes.set_box_aspect(half, zoom=1.0)
+    axes.set_box_aspect(half)
+    axes.patch.set_visible(False)  # else it covers the labels of the picture beside it
     axes.view_init(elev=22, azim=-58)
     for axis, name in ((axes.xaxis, "x [m]"), (axes.yaxis, "y [m]"), (axes.zaxis, "z [m]")):
         axis.set_major_locator(ticker.MaxNLocator(3))

@@ -15,7 +15,6 @@ import numpy as np
 from mpi4py import MPI
 from pydantic import BaseModel, Field
 
-
 from extremal.app import session
 from extremal.app.elastic_scene import Analysis, Expectation, OutputSettings
 from extremal.app.parallel import run_on_all

@@ -67,10 +67,14 @@ def test_the_number_of_ranks_may_change_between_a_run_and_its_restart(comm, shar
     from mpi4py import MPI
 
     if comm.rank == 0:
-        session.run(FakeProblem(MPI.COMM_SELF), scene(analysis={"end_time": 0.5}), shared_path / "a", quiet=True)
+        session.run(
+            FakeProblem(MPI.COMM_SELF), scene(analysis={"end_time": 0.5}), shared_path / "a", quiet=True
+        )
         whole = session.run(FakeProblem(MPI.COMM_SELF), scene(), shared_path / "b", quiet=True)
     comm.barrier()
-    outcome = session.run(FakeProblem(comm), scene(), shared_path / "a", restart=shared_path / "a", quiet=True)
+    outcome = session.run(
+        FakeProblem(comm), scene(), shared_path / "a", restart=shared_path / "a", quiet=True
+    )
     if comm.rank == 0:
         assert outcome.diagnostics == pytest.approx(whole.diagnostics, rel=1e-12)
 
@@ -148,15 +152,21 @@ def test_a_checkpoint_gives_back_every_kind_of_array(tmp_path):
     checkpoint.save(path, state, {"step": 1})
     found = checkpoint.load(path)
     assert list(found.state) == list(state)
-    assert all(np.array_equal(found.state[n], state[n]) and found.state[n].dtype == state[n].dtype for n in state)
+    assert all(
+        np.array_equal(found.state[n], state[n]) and found.state[n].dtype == state[n].dtype for n in state
+    )
     with h5py.File(path) as file:
         assert file.userblock_size == checkpoint.BLOCK
 
 
 @pytest.mark.mpi
 def test_no_good_checkpoint_is_an_input_error(comm, shared_path):
-    with pytest.raises(InputError, match="no checkpoint there; accepted is the results folder of an earlier run"):
-        session.run(FakeProblem(comm), scene(), shared_path / "new", restart=shared_path / "nowhere", quiet=True)
+    with pytest.raises(
+        InputError, match="no checkpoint there; accepted is the results folder of an earlier run"
+    ):
+        session.run(
+            FakeProblem(comm), scene(), shared_path / "new", restart=shared_path / "nowhere", quiet=True
+        )
     session.run(FakeProblem(comm), scene(), shared_path / "old", quiet=True)
     if comm.rank == 0:
         DAMAGE["cut in half"](shared_path / "old" / "checkpoints" / "step_000010.h5")
@@ -180,6 +190,19 @@ def test_a_restart_with_another_mesh_is_refused(comm, shared_path):
     session.run(FakeProblem(comm), scene(), shared_path, quiet=True)
     with pytest.raises(InputError, match="the mesh has been changed since"):
         session.run(FakeProblem(comm, n=4), scene(), shared_path, restart=shared_path, quiet=True)
+
+
+@pytest.mark.mpi
+def test_points_which_differ_by_rounding_are_the_same_mesh_and_moved_ones_are_not(comm, shared_path):
+    """A distributed mesh gives its points back with errors of 1e-16 that depend on the number of ranks."""
+    session.run(FakeProblem(comm), scene(), shared_path, quiet=True)
+    problem = FakeProblem(comm)
+    problem.points = problem.points + 2e-16
+    outcome = session.run(problem, scene(), shared_path, restart=shared_path, quiet=True)
+    assert outcome.status == "finished"
+    problem.points = problem.points + 1e-6
+    with pytest.raises(InputError, match="the mesh has been changed since"):
+        session.run(problem, scene(), shared_path, restart=shared_path, quiet=True)
 
 
 @pytest.mark.mpi
@@ -219,8 +242,8 @@ def test_steps_since_a_frame_are_not_written_twice_after_a_restart(comm, tmp_pat
     settings = scene(output={"checkpoint_every": 4})
     session.run(FakeProblem(comm), settings, tmp_path / "a", quiet=True)
     (tmp_path / "a" / "checkpoints" / "step_000010.h5").unlink()
-    session.run(FakeProblem(comm), scene(output={"checkpoint_every": 4}, analysis={"end_time": 0.9}), tmp_path / "a",
-                restart=tmp_path / "a", quiet=True)  # fmt: skip
+    shorter = scene(output={"checkpoint_every": 4}, analysis={"end_time": 0.9})
+    session.run(FakeProblem(comm), shorter, tmp_path / "a", restart=tmp_path / "a", quiet=True)
     assert [row["step"] for row in history(tmp_path / "a")] == list(range(10))
     assert len(list((tmp_path / "a" / "fields").iterdir())) == 10
     rows = read_table(tmp_path / "a" / "iterations.csv")[1]

@@ -21,8 +21,9 @@ def frames(folder) -> list[tuple[float, str]]:
 
 
 def test_a_run_leaves_history_frames_checkpoint_and_record(comm, shared_path):
-    (scene_path := shared_path / "scene.in.toml").write_text('title = "springs"\n') if comm.rank == 0 else None
     scene_path = shared_path / "scene.in.toml"
+    if comm.rank == 0:
+        scene_path.write_text('title = "springs"\n')
     folder = shared_path / "results"
     outcome = session.run(FakeProblem(comm), scene(), folder, scene_path=scene_path, quiet=True)
     assert (outcome.status, outcome.exit_code, outcome.steps, outcome.time) == ("finished", 0, 10, 1.0)
@@ -139,7 +140,11 @@ def test_results_do_not_depend_on_the_number_of_ranks(comm, shared_path):
         ({"time": {"value": 1.1}}, False, "expect time = 1.1: 1, MISSED"),
         ({"time": {"above": 0.5, "below": 2}}, True, "expect time < 2 and > 0.5: 1, met"),
         ({"time": {"below": 0.5}}, False, "expect time < 0.5: 1, MISSED"),
-        ({"enrgy": {"below": 1}}, False, "expect enrgy < 1: no such diagnostic; did you mean energy?, MISSED"),
+        (
+            {"enrgy": {"below": 1}},
+            False,
+            "expect enrgy < 1: no such diagnostic; did you mean energy?, MISSED",
+        ),
     ],
 )
 def test_expectations_are_told_one_by_one_and_decide_the_exit_code(
@@ -150,7 +155,8 @@ def test_expectations_are_told_one_by_one_and_decide_the_exit_code(
     assert outcome.exit_code == (0 if met else 3)
     if comm.rank == 0:
         assert line in capsys.readouterr().out.splitlines()
-        assert [entry["met"] for entry in json.loads((shared_path / "run.json").read_text())["expect"]] == [met]
+        record = json.loads((shared_path / "run.json").read_text())
+        assert [entry["met"] for entry in record["expect"]] == [met]
 
 
 def test_not_a_number_never_meets_an_expectation(comm, shared_path):
@@ -159,7 +165,8 @@ def test_not_a_number_never_meets_an_expectation(comm, shared_path):
             return super().diagnostics() | {"energy": float("nan")}
 
     for wanted in ({"value": 1.0}, {"below": 1.0}, {"above": 1.0}, {"value": 1.0, "tolerance": 9.0}):
-        assert session.run(Poisoned(comm), scene(expect={"energy": wanted}), shared_path, quiet=True).exit_code == 3
+        outcome = session.run(Poisoned(comm), scene(expect={"energy": wanted}), shared_path, quiet=True)
+        assert outcome.exit_code == 3
 
 
 def test_progress_says_one_line_a_step_on_rank_0_only(comm, shared_path, capsys):
@@ -215,7 +222,8 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path):
 
 def test_a_write_that_fails_names_the_file_and_the_free_bytes(tmp_path):
     path = tmp_path / "a.txt"
-    with pytest.raises(OutputError, match=r"a.txt: cannot be written: No space left on device \([\d,]+ bytes free\)$"):
+    message = r"a.txt: cannot be written: No space left on device \([\d,]+ bytes free\)$"
+    with pytest.raises(OutputError, match=message):
         with atomic(path):
             raise OSError(28, "x")
 

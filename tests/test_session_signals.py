@@ -24,9 +24,16 @@ def start(*arguments: object, ranks: int = 0) -> subprocess.Popen:
     mpirun = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks else []
     command = [*mpirun, sys.executable, str(PROGRAM), *map(str, arguments)]
     # MPI has been started in this process and marked its environment, which would confuse another start
-    environment = {key: value for key, value in os.environ.items() if not key.startswith(("OMPI_MCA", "PMIX", "PRTE"))}
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("OMPI_MCA", "PMIX", "PRTE"))
+    }
     return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, stdin=subprocess.DEVNULL
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        stdin=subprocess.DEVNULL,
     )
 
 
@@ -154,7 +161,8 @@ def test_a_full_disk_ends_the_run_with_one_line_and_whole_files(small_disk):
     told = [line for line in lines if not line.startswith("step ")]
     assert len(told) == 1, lines
     assert re.fullmatch(
-        r"failed: \S+/results/\S+: cannot be written: No space left on device \([\d,]+ bytes free\), results in \S+",
+        r"failed: \S+/results/\S+: cannot be written: No space left on device \([\d,]+ bytes free\), "
+        r"results in \S+",
         told[0],
     )
     assert_whole(small_disk / "results")

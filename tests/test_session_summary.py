@@ -36,7 +36,11 @@ def test_a_picture_is_drawn_in_two_and_three_dimensions(comm, tmp_path, dimensio
     [
         {"analysis": {"time_step": 1.0, "largest_step": 1.0}, "output": {"summary": True, "iterations": 2}},
         {"output": {"summary": True, "fields": ["region"]}},
-        {"output": {"summary": True, "every": 0.5}, "title": "a [title] with $ and _", "expect": {"q": {"above": 1}}},
+        {
+            "output": {"summary": True, "every": 0.5},
+            "title": "a [title] with $ and _",
+            "expect": {"q": {"above": 1}},
+        },
     ],
 )
 def test_a_picture_is_drawn_whatever_was_written(comm, tmp_path, tables):
@@ -69,8 +73,8 @@ def test_the_verdict_is_good_only_when_nothing_is_inverted_and_nothing_missed():
     }  # fmt: skip
     words, second, color = summary.verdict(record)
     assert words == (
-        "FINISHED  ·  no inverted element  ·  smallest stretch 0.988  ·  55 solver iterations  ·  1 step  ·  12.3 s"
-        "  ·  2 ranks"
+        "FINISHED  ·  no inverted element  ·  smallest stretch 0.988  ·  55 solver iterations  ·  1 step"
+        "  ·  12.3 s  ·  2 ranks"
     )
     assert (second, color) == ("", summary.GOOD)
     assert summary.verdict(record | {"diagnostics": {"inverted": 3.0}})[2] == summary.DOUBTFUL
