@@ -53,7 +53,7 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return folded[found[0]] if found else None
 
 
-def suggestion(name: str, known: Iterable[str], most: int = 16) -> str:
+def suggestion(name: str, known: Iterable[str], most: int = 24) -> str:
     """Return what to say after an unknown name: the nearest known one, or all when they are few.
 
     Examples

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, get_args
@@ -61,9 +62,9 @@ def toml(value: Any) -> str:
     if isinstance(value, bool):
         text = "true" if value else "false"
     elif isinstance(value, str):
-        text = '"' + value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
+        text = json.dumps(value, ensure_ascii=False)
     elif isinstance(value, Mapping):
-        text = "{" + ", ".join(f"{key} = {toml(entry)}" for key, entry in value.items()) + "}"
+        text = "{" + ", ".join(f"{_key(key)} = {toml(entry)}" for key, entry in value.items()) + "}"
     elif isinstance(value, list | tuple):
         text = "[" + ", ".join(toml(entry) for entry in value) + "]"
     else:
@@ -75,28 +76,29 @@ def _place(data: Mapping[str, Any], where: Sequence[str | int]) -> str:
     """Return `[material] poisson_ratio`, `[[motion]] #2 displacement #1`, `[regions.soft] density`."""
     if not where:
         return ""
-    first, *rest = where
-    top = data.get(str(first), _ABSENT)
+    top = data.get(str(where[0]), _ABSENT)
+    first, rest = _key(where[0]), list(where[1:])
     if rest and isinstance(rest[0], int):
-        words = [f"[[{first}]] #{rest[0] + 1}"]
-        rest = rest[1:]
+        place = f"[[{first}]] #{int(rest.pop(0)) + 1}"
     elif first == "regions" and rest:
-        words = [f"[regions.{rest[0]}]"]
-        rest = rest[1:]
+        place = f"[regions.{_key(rest.pop(0))}]"
     elif rest or isinstance(top, Mapping) or top is _ABSENT:
-        words = [f"[{first}]"]
+        place = f"[{first}]"
     elif isinstance(top, list) and top and isinstance(top[0], Mapping):
-        words = [f"[[{first}]]"]
+        place = f"[[{first}]]"
     else:
-        words = [str(first)]
-    keys = ""
+        place = first
+    dot = " "
     for key in rest:
-        keys += (
-            f" #{key + 1}"
-            if isinstance(key, int)
-            else (f".{key}" if keys and keys[-1].isalpha() else f" {key}")
-        )
-    return words[0] + keys
+        place += f" #{key + 1}" if isinstance(key, int) else dot + _key(key)
+        dot = " " if isinstance(key, int) else "."
+    return place
+
+
+def _key(key: str | int) -> str:
+    """Return a key as TOML writes it, in quotes where it needs them."""
+    text = str(key)
+    return text if re.fullmatch(r"[\w-]+", text) else json.dumps(text, ensure_ascii=False)
 
 
 def _value_at(data: Any, where: Sequence[str | int]) -> Any:

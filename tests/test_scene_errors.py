@@ -13,6 +13,11 @@ MATERIAL = "[material]\nyoung_modulus = 1e5\npoisson_ratio = 0.3\n"
 
 # (scene, one line for each error)
 CASES: list[tuple[str, ...]] = [
+    (
+        '"two\\nlines" = 1',
+        '"two\\nlines" = 1: unknown key; known: title, part, mesh, material, regions, element, fixed, motion, '
+        "traction, pressure, gravity, damping, initial, analysis, continuation, solver, petsc, output, expect",
+    ),
     ("title = 1979-05-27", "title = 1979-05-27: must be text in quotes"),
     (
         "[solver]\ntolerance = 1" + "0" * 400,
@@ -499,7 +504,7 @@ CASES: list[tuple[str, ...]] = [
     ),
     (
         '[petsc]\n"elastic ksp" = "cg"',
-        '[petsc] elastic ksp = "cg": the name of a PETSc option is written with letters, digits and _ only',
+        '[petsc] "elastic ksp" = "cg": the name of a PETSc option is written with letters, digits and _ only',
     ),
     (
         '[petsc]\nelastic_ksp_type = ["cg"]',
