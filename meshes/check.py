@@ -21,6 +21,8 @@ from .rows import number_rows
 FLAT = 1e-10
 # Nodes coincide when they are closer than this part of the mesh's extent.
 COINCIDENT = 1e-12
+# Beyond this [m] volumes leave the range of numbers.
+LARGEST_COORDINATE = 1e50
 
 
 def check_mesh(data: MeshData, name: str) -> list[str]:
@@ -95,27 +97,40 @@ def _list(nodes: Sequence[int] | NDArray[np.int64]) -> str:
 
 def _check_indices(data: MeshData, name: str) -> None:
     """Elements exist, refer to existing nodes, each once; coordinates are numbers."""
-    cells, n = data.cells, len(data.points)
+    cells = data.cells
     if len(cells) == 0:
         raise MeshError(f"{name}: the mesh has no elements")
-    outside = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
-    if len(outside):
-        cell = cells[outside[0]]
-        node = cell[(cell < 0) | (cell >= n)][0]
-        raise MeshError(f"{name}: element {outside[0]} uses node {node}, but nodes are numbered 0 to {n - 1}")
-    wrong = np.flatnonzero(~np.isfinite(data.points).all(axis=1))
-    if len(wrong):
-        values = ", ".join(f"{x:g}" for x in data.points[wrong[0]])
-        raise MeshError(
-            f"{name}: node {wrong[0]} has coordinates ({values}){_more(len(wrong))}; "
-            "finite numbers are accepted"
-        )
+    check_nodes(data.points, cells, name, "element")
     ordered = np.sort(cells, axis=1)
     twice = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
     if len(twice):
         raise MeshError(
             f"{name}: element {twice[0]} (nodes {_list(cells[twice[0]])}) uses a node twice"
             f"{_more(len(twice))}"
+        )
+
+
+def check_nodes(points: NDArray[np.float64], cells: NDArray[np.int64], name: str, noun: str) -> None:
+    """Cells (triangles, ... by the noun) refer to nodes that exist, and these have usable coordinates.
+
+    Raises
+    ------
+    MeshError
+        Naming the first cell or node for which this is not so.
+    """
+    n = len(points)
+    outside = np.flatnonzero(((cells < 0) | (cells >= n)).any(axis=1))
+    if len(outside):
+        cell = cells[outside[0]]
+        node = cell[(cell < 0) | (cell >= n)][0]
+        raise MeshError(f"{name}: {noun} {outside[0]} uses node {node}, but nodes are numbered 0 to {n - 1}")
+    used = np.unique(cells)
+    wrong = used[~(np.abs(points[used]) < LARGEST_COORDINATE).all(axis=1)]
+    if len(wrong):
+        values = ", ".join(f"{x:g}" for x in points[wrong[0]])
+        raise MeshError(
+            f"{name}: node {wrong[0]} has coordinates ({values}){_more(len(wrong))}; "
+            f"finite numbers below {LARGEST_COORDINATE:g} are accepted"
         )
 
 

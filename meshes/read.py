@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import compat
-from .check import repair
+from .check import check_nodes, repair
 from .data import MeshData, MeshError, choose
 from .order import with_order
 from .parameters import among
@@ -134,7 +134,9 @@ def _blocks(mesh: Any, name: str) -> list[Block]:
         tags = np.zeros(len(nodes), dtype=np.int64)
         if key is not None and len(mesh.cell_data[key][i]) == len(nodes):
             tags = np.abs(np.asarray(mesh.cell_data[key][i]).reshape(len(nodes), -1)[:, 0]).astype(np.int64)
-        blocks.append((kind, nodes.astype(np.int64), tags))
+        nodes = nodes.astype(np.int64)
+        check_nodes(np.asarray(mesh.points), nodes, name, "element" if kind in ACCEPTED else kind)
+        blocks.append((kind, nodes, tags))
     if strange:
         listing = ", ".join(f"{count} {kind}" for kind, count in strange.items())
         raise MeshError(f"{name}: cells of other kinds ({listing}); {', '.join(ACCEPTED)} are accepted")
@@ -164,11 +166,8 @@ def _is_flat(points: NDArray[np.float64], blocks: list[Block]) -> bool:
     """Whether the triangles lie in one plane z = const."""
     if points.shape[1] == 2:
         return True
-    z = points[np.concatenate([np.unique(nodes) for _, nodes, _ in blocks]), 2]
-    # What is not a number is found later, with its place.
-    return bool(
-        np.nanmax(z, initial=-np.inf) - np.nanmin(z, initial=np.inf) <= 1e-12 * np.nanmax(np.abs(points))
-    )
+    used = points[np.concatenate([np.unique(nodes) for _, nodes, _ in blocks])]
+    return bool(np.ptp(used[:, 2]) <= 1e-12 * np.abs(used).max())
 
 
 def _names(mesh: Any) -> dict[tuple[int, int], str]:

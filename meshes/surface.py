@@ -98,10 +98,6 @@ def _advice(message: str) -> str:
 def _welded(points: Points, faces: Faces, name: str) -> tuple[Points, Faces, list[str]]:
     """Corners in one place become one; triangles that lose a corner by it are removed, with a note."""
     used = np.unique(faces)
-    wrong = used[~np.isfinite(points[used]).all(axis=1)]
-    if len(wrong):
-        values = ", ".join(f"{x:g}" for x in points[wrong[0]])
-        raise MeshError(f"{name}: node {wrong[0]} has coordinates ({values}); finite numbers are accepted")
     where = points[used]
     pairs = cKDTree(where).query_pairs(WELD * float(np.ptp(where, axis=0).max()), output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(used), len(used)))

@@ -77,11 +77,15 @@ BAD = {
     ),
     "not a number": (
         mesh(moved(3, [1, np.nan, 0])),
-        "node 3 has coordinates (1, nan, 0); finite numbers are accepted",
+        "node 3 has coordinates (1, nan, 0); finite numbers below 1e+50 are accepted",
     ),
     "infinite": (
         mesh(moved(3, [1, np.inf, 0])),
-        "node 3 has coordinates (1, inf, 0); finite numbers are accepted",
+        "node 3 has coordinates (1, inf, 0); finite numbers below 1e+50 are accepted",
+    ),
+    "astronomical": (
+        mesh(moved(3, [1, 1e60, 0])),
+        "node 3 has coordinates (1, 1e+60, 0); finite numbers below 1e+50 are accepted",
     ),
     "node twice": (
         mesh(cells=[*TETS, [0, 1, 1, 7]]),
@@ -339,8 +343,13 @@ def test_repeated_triangles_are_named(tmp_path):
 def test_surfaces_with_wrong_numbers_name_the_node(tmp_path):
     refused(
         surface(tmp_path / "nan.ply", moved(5, [1, np.nan, 0])),
-        "node 5 has coordinates (1, nan, 0); finite numbers are accepted",
+        "node 5 has coordinates (1, nan, 0); finite numbers below 1e+50 are accepted",
     )
+
+
+def test_surfaces_with_missing_nodes_name_the_triangle(tmp_path):
+    (tmp_path / "s.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\nf 1 2 4\n")
+    refused(tmp_path / "s.obj", "element 1 uses node 3, but nodes are numbered 0 to 2")
 
 
 def test_surfaces_without_area_are_refused(tmp_path):
