@@ -13,9 +13,10 @@ static void rotate(double B[3][3][W], double V[3][3][W], int i, int j, double *o
     const double c = B[i][0][l] * B[j][0][l] + B[i][1][l] * B[j][1][l] + B[i][2][l] * B[j][2][l];
     const double half = 0.5 * (b - a), root = sqrt(half * half + c * c);
     const double t = c / ((half < 0 ? half - root : half + root) + (root == 0 ? 1 : 0));
-    cs[l] = 1 / sqrt(1 + t * t);
-    sn[l] = cs[l] * t;
-    const double relative = c * c - 1e-31 * a * b;
+    const double relative = c * c - 1e-31 * a * b, cosine = 1 / sqrt(1 + t * t);
+    /* a lane that is done stays as it is: its result must not depend on the others in the pack */
+    cs[l] = relative > 0 ? cosine : 1;
+    sn[l] = relative > 0 ? cosine * t : 0;
     off[l] = relative > 0 ? 1 : off[l];
   }
   for (int k = 0; k < 3; ++k) LANES {
