@@ -128,6 +128,16 @@ class Constitutive:
         """(points, d) stretches at the gradient of the last update."""
         return self._groups[0].kernel.stretches(self.gradient)
 
+    def determinants(self) -> NDArray:
+        """(points,) J at the gradient of the last update, or as `Space.gradient` has filled it."""
+        d = self.space.dimension
+        return np.linalg.det(self.gradient.reshape(-1, d, d) + np.eye(d))
+
+    def largest_poisson_ratio(self) -> float:
+        """Largest ν of the body, the same on all ranks."""
+        largest = [float(g.material.engineering(g.positions)[1].max(initial=0)) for g in self._groups]
+        return self.space.comm.allreduce(max(largest, default=0.0), op=MPI.MAX)
+
     def density(self) -> NDArray:
         """ρ [kg/m³] of each local cell."""
 

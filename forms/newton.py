@@ -2,42 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from petsc4py import PETSc
 
-# Tuned defaults, put in the options database where the user has not spoken (see docs/petsc.md for the figures).
-DEFAULTS: Mapping[str, object] = {
+if TYPE_CHECKING:
+    from .equations import Equations
+
+# Tuned defaults, put in the options database where the user has not spoken (docs/petsc.md has the figures).
+ALWAYS: Mapping[str, object] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 3,
     "snes_linesearch_max_it": 40,
     "snes_max_linear_solve_fail": 1_000_000_000,
     "ksp_rtol": 1e-4,
-    "ksp_max_it": 1000,
-    "ksp_type": "cg",
-    "pc_type": "pbjacobi",
 }
-# Follower pressure makes the matrix unsymmetric and leaves no energy to search along.
-UNSYMMETRIC: Mapping[str, object] = {"ksp_type": "gmres", "ksp_gmres_restart": 100}
+REGIMES: Mapping[str, Mapping[str, object]] = {
+    # multigrid breaks down on tangled elements, a factorisation costs three times as much
+    "tangled": {"ksp_type": "cg", "pc_type": "pbjacobi", "ksp_max_it": 1000},
+    "smooth": {"ksp_type": "cg", "pc_type": "pbjacobi", "ksp_max_it": 2000},
+    "nearly_incompressible": {
+        "ksp_type": "cg",
+        "ksp_max_it": 200,
+        "pc_type": "cholesky",
+        "pc_factor_mat_solver_type": "mumps",
+    },
+    "large_nearly_incompressible": {"ksp_type": "cg", "pc_type": "pbjacobi", "ksp_max_it": 10_000},
+    # follower pressure makes the matrix unsymmetric
+    "unsymmetric": {"ksp_type": "gmres", "ksp_gmres_restart": 100, "ksp_max_it": 2000, "pc_type": "pbjacobi"},
+}
+# the energy decides until its last digits are spent; then the residual along the step does
+POLISH: Mapping[str, object] = {"snes_linesearch_type": "cp"}
+POLISHED = 1e4  # times the tolerance: the largest residual that is polished
+NEARLY_INCOMPRESSIBLE = 0.495  # Poisson's ratio
+LARGEST_FACTORISATION = 60_000  # unknowns
+
+
+def regime(*, tangled: bool, poisson_ratio: float, unknowns: int, symmetric: bool) -> str:
+    """The name in `REGIMES` of the defaults for a body."""
+    if not symmetric:
+        return "unsymmetric"
+    if tangled:
+        return "tangled"
+    if poisson_ratio > NEARLY_INCOMPRESSIBLE:
+        small = unknowns <= LARGEST_FACTORISATION
+        return "nearly_incompressible" if small else "large_nearly_incompressible"
+    return "smooth"
+
+
+_NEGATIVE = (PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT, PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC)
 
 
 class StepFailure(ArithmeticError):
-    """A step has no solution that could be found; the message says why and where, in one line."""
+    """A step has no solution that could be found; the message says why and where, in one line.
 
+    `wanted_step` [s] is the length to try instead, where an error estimate tells.
+    """
 
-class Equations(Protocol):
-    """What `Newton` solves: the minimum of `energy`, or a zero of `residual` where there is no energy."""
-
-    has_energy: bool
-
-    def energy(self, x: PETSc.Vec) -> float: ...
-
-    def residual(self, x: PETSc.Vec, out: PETSc.Vec) -> None: ...
-
-    def tangent(self, x: PETSc.Vec, out: PETSc.Mat, projected: bool) -> None: ...
+    def __init__(self, message: str, wanted_step: float | None = None) -> None:
+        super().__init__(message)
+        self.wanted_step = wanted_step
 
 
 @dataclass
@@ -53,91 +81,101 @@ class Figures:
         return Figures(self.newton + other.newton, self.krylov + other.krylov, other.residual, other.reason)
 
 
-class _Smoothness:
-    """Whether the tangent should be projected, from how the last iteration went."""
+class _Tangent:
+    """Whether the coming tangent should be projected, from how the last iterations went."""
 
     def __init__(self, full_step: int) -> None:
-        self._full_step = full_step
-        self._patience = 1
+        self._full_step = full_step  # evaluations of a line search that takes the first step it tries
         self.restart()
 
     def restart(self) -> None:
-        self.projected = True
-        self.evaluations = 0
-        self._wait = self._patience
+        self.projected, self.evaluations = True, 0
+        self.energy: float | None = None
+        self._start: float | None = None
+        self._gain = 0.0  # of the last projected step
+        self._pause, self._wait = 1, 1
 
     def project(self, reason: int) -> bool:
         """The choice for the coming iteration; `reason` is Krylov's of the last one, 0 if there is none."""
+        gain = self._start - self.energy if self._start is not None and self.energy is not None else 0.0
         easy = reason != 0 and self.evaluations <= self._full_step
-        negative = reason in (
-            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT,
-            PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC,
-        )
-        self.evaluations = 0
+        self.evaluations, self._start = 0, self.energy
         if self.projected:
+            self._gain = gain
             self._wait -= easy
             if self._wait < 0:
                 self.projected = False
-        elif negative or not easy:
-            self.projected = True
-            self._patience = min(2 * self._patience, 16)
-            self._wait = self._patience
+        elif not easy or reason in _NEGATIVE:
+            self._pause = 1 if gain > self._gain else min(2 * self._pause, 16)
+            self.projected, self._wait = True, self._pause
         return self.projected
 
 
-def set_defaults(prefix: str, table: Mapping[str, object]) -> None:
-    """Put options in PETSc's database where it has none of that name."""
+@contextmanager
+def defaults(prefix: str, table: Mapping[str, object]) -> Iterator[None]:
+    """Options stand in PETSc's database where it has none of that name, while an object is being configured."""
     options = PETSc.Options(prefix)
-    for name, value in table.items():
-        if not options.hasName(name):
-            options.setValue(name, value)
+    ours = [name for name in table if not options.hasName(name)]
+    for name in ours:
+        options.setValue(name, table[name])
+    try:
+        yield
+    finally:
+        for name in ours:
+            options.delValue(name)
 
 
 class Newton:
     """A SNES with prefix `elastic_` for `equations`.
 
-    The tangent is projected while the going is rough. After a full step from a projected tangent the exact one is
-    tried; where Krylov meets a negative direction or the line search has to shorten, the projected one comes back
-    for twice as many iterations as the time before.
+    The tangent is projected while the going is rough. After full steps with a projected tangent the exact one is
+    tried; where Krylov meets a negative direction or the line search has to shorten, the projected one comes back,
+    for a pause that grows while the exact tangent gains less energy than the projected one did.
 
     Parameters
     ----------
     equations : Equations
-    vector, matrix : PETSc.Vec, PETSc.Mat
-        Of the right layout; used for the residual and the tangent.
-    symmetric : bool
-        Whether the tangent is.
+    regime : str
+        Which defaults of `REGIMES` to take.
+    exact : bool
+        Never project the tangent.
     """
 
     prefix = "elastic_"
 
-    def __init__(self, equations: Equations, vector: PETSc.Vec, matrix: PETSc.Mat, symmetric: bool = True) -> None:
+    def __init__(self, equations: Equations, regime: str, exact: bool = False) -> None:
         self.on_iteration: Callable[[int, float], None] | None = None
-        self._equations = equations
-        table = dict(DEFAULTS) if symmetric else {**DEFAULTS, **UNSYMMETRIC}
-        set_defaults(self.prefix, table)
-        self.snes = snes = PETSc.SNES().create(matrix.comm)
-        snes.setOptionsPrefix(self.prefix)
-        snes.setFunction(self._residual, vector)
-        snes.setJacobian(self._tangent, matrix)
+        self._equations, self._exact, self._regime = equations, exact, regime
+        self._choice = _Tangent(full_step=2 if equations.has_energy else 1)
+        self._polisher: PETSc.SNES | None = None
+        self.snes = self._snes(self.prefix, {})
         if equations.has_energy:
-            snes.setObjective(self._energy)
-        snes.setMonitor(self._monitor)
-        snes.setFromOptions()
-        self._smooth = _Smoothness(full_step=2 if equations.has_energy else 1)
+            self.snes.setObjective(self._energy)
+        self.snes.setMonitor(self._monitor)
+
+    def _snes(self, prefix: str, more: Mapping[str, object]) -> PETSc.SNES:
+        snes = PETSc.SNES().create(self._equations.comm)
+        snes.setOptionsPrefix(prefix)
+        snes.setFunction(self._residual, self._equations.vector.duplicate())
+        snes.setJacobian(self._tangent, self._equations.matrix)
+        with defaults(prefix, {**ALWAYS, **REGIMES[self._regime], **more}):
+            snes.setFromOptions()
+        return snes
 
     def _energy(self, snes: Any, x: PETSc.Vec) -> float:
-        self._smooth.evaluations += 1
-        return self._equations.energy(x)
+        self._choice.evaluations += 1
+        self._choice.energy = self._equations.energy(x)
+        return self._choice.energy
 
     def _residual(self, snes: Any, x: PETSc.Vec, out: PETSc.Vec) -> None:
         if not self._equations.has_energy:
-            self._smooth.evaluations += 1
+            self._choice.evaluations += 1
         self._equations.residual(x, out)
 
     def _tangent(self, snes: Any, x: PETSc.Vec, a: PETSc.Mat, out: PETSc.Mat) -> None:
         reason = snes.getKSP().getConvergedReason() if snes.getIterationNumber() else 0
-        self._equations.tangent(x, out, self._smooth.project(reason))
+        projected = self._choice.project(reason) if snes == self.snes else False
+        self._equations.tangent(x, out, projected and not self._exact)
 
     def _monitor(self, snes: Any, iteration: int, norm: float) -> None:
         if self.on_iteration is not None:
@@ -147,21 +185,36 @@ class Newton:
         """Improve `x` until |F| <= `tolerance` [N]; where it does not, the figures' reason is negative."""
         total = Figures()
         while True:
-            self._smooth.restart()
-            self.snes.setTolerances(rtol=0.0, atol=tolerance, stol=0.0, max_it=iterations - total.newton)
-            try:
-                self.snes.solve(None, x)
-            except PETSc.Error as error:
-                raise StepFailure(f"PETSc error {error.ierr} in the solve") from error
-            total = total + Figures(
-                self.snes.getIterationNumber(),
-                self.snes.getLinearSolveIterations(),
-                self.snes.getFunctionNorm(),
-                self.snes.getConvergedReason(),
-            )
-            stuck_on_exact = total.reason < 0 and not self._smooth.projected and self._equations.has_energy
-            if not stuck_on_exact or total.newton >= iterations:
+            self._choice.restart()
+            total = total + self._run(self.snes, x, tolerance, iterations - total.newton)
+            if total.reason != PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH or not self._equations.has_energy:
                 return total
+            on_exact = not self._choice.projected
+            if total.residual <= POLISHED * tolerance:
+                total = total + self._polish(x, tolerance)
+            if total.reason > 0 or not on_exact or total.newton >= iterations:
+                return total
+
+    def _run(self, snes: PETSc.SNES, x: PETSc.Vec, tolerance: float, iterations: int) -> Figures:
+        snes.setTolerances(rtol=0.0, atol=tolerance, stol=0.0, max_it=iterations)
+        try:
+            snes.solve(None, x)
+        except PETSc.Error as error:
+            raise StepFailure(f"PETSc error {error.ierr} in the solve") from error
+        krylov = snes.getLinearSolveIterations()
+        return Figures(snes.getIterationNumber(), krylov, snes.getFunctionNorm(), snes.getConvergedReason())
+
+    def _polish(self, x: PETSc.Vec, tolerance: float) -> Figures:
+        """A few iterations on the residual alone, where the energy's last digits no longer tell better from worse."""
+        if self._polisher is None:
+            self._polisher = self._snes(f"{self.prefix}polish_", POLISH)
+        kept = x.copy()
+        self._choice.projected = False
+        figures = self._run(self._polisher, x, tolerance, 10)
+        if figures.reason <= 0:
+            kept.copy(x)
+        kept.destroy()
+        return figures
 
     def solve_linear(self, matrix: PETSc.Mat, right: PETSc.Vec, x: PETSc.Vec) -> None:
         """x = matrix⁻¹ right by the Krylov solver of the SNES."""
@@ -176,8 +229,10 @@ class Newton:
         )
 
     def destroy(self) -> None:
-        """Free the SNES."""
+        """Free the solvers."""
         self.snes.destroy()
+        if self._polisher is not None:
+            self._polisher.destroy()
 
 
 def _name(kind: Any, value: int) -> str:
