@@ -1,5 +1,7 @@
 """Every unusable mesh is refused with one line that names the file, the place and what is accepted."""
 
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -379,3 +381,29 @@ def test_triangles_without_area_are_dropped_from_surfaces_with_a_note(tmp_path):
     data = read_mesh(surface(tmp_path / "cube.ply", faces=[*SIDES, [3, 3, 1]]))
     assert data.notes == ("1 triangle without area removed",)
     assert data.volumes().sum() == pytest.approx(1)
+
+
+OVERLAPPING = """
+import gmsh, sys
+gmsh.initialize(readConfigFiles=False)
+gmsh.option.setNumber("General.Terminal", 0)
+gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+gmsh.model.occ.synchronize()
+for dim, tags, name in [(3, [1], "all"), (2, [1], "left"), (2, [1, 2], "sides")]:
+    gmsh.model.setPhysicalName(dim, gmsh.model.addPhysicalGroup(dim, tags), name)
+gmsh.option.setNumber("Mesh.MeshSizeMax", 1)
+gmsh.model.mesh.generate(3)
+gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+gmsh.write(sys.argv[1])
+gmsh.finalize()
+"""
+
+
+def test_overlapping_physical_groups_are_named(tmp_path):
+    path = tmp_path / "groups.msh"
+    subprocess.run([sys.executable, "-c", OVERLAPPING, str(path)], check=True, capture_output=True)
+    refused(
+        path,
+        "triangle cells are in 2 physical groups, 'left' and 'sides'; one is accepted "
+        "(unions are written as lists of names, and 'surface' is the whole boundary)",
+    )
