@@ -92,6 +92,18 @@ class Constraints:
                 given = motion(self._space.positions[nodes], time)
                 table[nodes, components] = np.asarray(given)[np.arange(len(nodes)), components]
 
+    def rates(self, time: float, velocity: NDArray, acceleration: NDArray) -> None:
+        """Write the velocity [m/s] and acceleration [m/s²] prescribed from `time` on to the held entries.
+
+        One-sided differences of third and second order: a motion may begin with a jerk.
+        """
+        h, held = 1e-3, self.dofs
+        u = np.zeros((4, len(velocity)))
+        for k in range(4):
+            self.apply(u[k], time + k * h)
+        velocity[held] = (np.array([-11, 18, -9, 2]) @ u)[held] / (6 * h)
+        acceleration[held] = (np.array([2, -5, 4, -1]) @ u)[held] / h**2
+
 
 class _Surface:
     """Facets of some boundaries with a measure of their own, so that two loads may share a facet."""

@@ -39,10 +39,28 @@ class Terms:
     stage: float = 1.0
 
 
-class BackwardEuler:
+class Scheme:
+    """What the schemes have in common."""
+
+    order = 2
+    needs_acceleration = False  # that of the start; BDF2 and backward Euler do without
+
+    def terms(self, m: Motion, dt: float) -> Terms:
+        """α, û, γ, ũ of the step."""
+        raise NotImplementedError
+
+    def finish(self, m: Motion, w: NDArray, dt: float) -> Motion:
+        """The motion at the end of the step."""
+        raise NotImplementedError
+
+    def error(self, m: Motion, new: Motion, dt: float) -> NDArray:
+        """Local error of the displacement after a step [m], ~ dt^(order + 1): its distance to u + dt (v + v')/2."""
+        return np.abs(new.u - m.u - dt / 2 * (m.v + new.v))
+
+
+class BackwardEuler(Scheme):
     """v' = (u' - u)/dt, a' = (v' - v)/dt; first order, damps."""
 
-    needs_acceleration = False
     order = 1
 
     def terms(self, m: Motion, dt: float) -> Terms:
@@ -54,11 +72,8 @@ class BackwardEuler:
         return Motion(w, (w - m.u) / dt)
 
 
-class BDF2:
+class BDF2(Scheme):
     """Second-order backward differentiation with variable steps; the first step is backward Euler."""
-
-    needs_acceleration = False
-    order = 2
 
     @staticmethod
     def _weights(m: Motion, dt: float) -> tuple[float, float, float]:
@@ -80,11 +95,10 @@ class BDF2:
         return Motion(w, terms.gamma * (w - terms.u_tilde), None, m.u, m.v, dt)
 
 
-class Midpoint:
+class Midpoint(Scheme):
     """Implicit midpoint rule: w = (u + u')/2; second order, keeps linear and angular momentum."""
 
-    needs_acceleration = False
-    order = 2
+    needs_acceleration = True  # by the first error estimate
 
     def terms(self, m: Motion, dt: float) -> Terms:
         """α = 4/dt², û = u + dt/2 v, forces in the middle of the step."""
@@ -93,14 +107,20 @@ class Midpoint:
     def finish(self, m: Motion, w: NDArray, dt: float) -> Motion:
         """The motion at the end of the step."""
         u = 2 * w - m.u
-        return Motion(u, 2 * (u - m.u) / dt - m.v)
+        return Motion(u, 2 * (u - m.u) / dt - m.v, None, m.u, m.v, dt)
+
+    def error(self, m: Motion, new: Motion, dt: float) -> NDArray:
+        """dt³/12 |u‴|, from the mean accelerations of this step and the last one."""
+        a = (new.v - m.v) / dt
+        if m.v_old is not None:
+            return dt**3 / 6 * np.abs(a - (m.v - m.v_old) / m.dt_old) / (dt + m.dt_old)
+        return dt**2 / 6 * np.abs(a - m.a) if m.a is not None else np.zeros_like(a)
 
 
-class Newmark:
+class Newmark(Scheme):
     """Trapezoidal rule (β = 1/4, γ = 1/2); second order."""
 
     needs_acceleration = True
-    order = 2
 
     def terms(self, m: Motion, dt: float) -> Terms:
         """α = 4/dt², û = u + dt v + dt²/4 a."""
@@ -113,10 +133,15 @@ class Newmark:
         a = 4 / dt**2 * (w - m.u - dt * m.v) - m.a
         return Motion(w, m.v + dt / 2 * (m.a + a), a)
 
+    def error(self, m: Motion, new: Motion, dt: float) -> NDArray:
+        """dt³/12 |u‴|, from the accelerations at both ends."""
+        assert m.a is not None and new.a is not None
+        return dt**2 / 12 * np.abs(new.a - m.a)
 
-INTEGRATORS = {"backward_euler": BackwardEuler, "bdf2": BDF2, "midpoint": Midpoint, "newmark": Newmark}
 
-
-def local_error(m: Motion, new: Motion, dt: float) -> NDArray:
-    """Distance between the new displacement and u + dt (v + v')/2, an estimate of the step's error [m]."""
-    return np.abs(new.u - m.u - dt / 2 * (m.v + new.v))
+INTEGRATORS: dict[str, type[Scheme]] = {
+    "backward_euler": BackwardEuler,
+    "bdf2": BDF2,
+    "midpoint": Midpoint,
+    "newmark": Newmark,
+}
