@@ -165,7 +165,7 @@ class Pressure:
         self._p = fem.Function(self._scalars)
         v, du = ufl.TestFunction(space.vectors), ufl.TrialFunction(space.vectors)
         F = ufl.Identity(space.dimension) + ufl.grad(space.u)
-        form = self._p * ufl.inner(ufl.cofac(F).T * ufl.FacetNormal(space.mesh), v) * surface.ds
+        form = self._p * ufl.inner(ufl.cofac(F) * ufl.FacetNormal(space.mesh), v) * surface.ds
         self._residual = compat.form(form)
         self._tangent = compat.form(ufl.derivative(form, space.u, du))
 
