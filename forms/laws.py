@@ -136,13 +136,30 @@ def custom(energy: sp.Expr, dimension: int, parameters: tuple[str, ...] = ()) ->
     missing = {3: set(), 2: {i2, I2, STRETCHES[2]}}[dimension]
     if expr.free_symbols & missing:
         name = sorted(str(s) for s in expr.free_symbols & missing)[0]
-        raise LawError(f"energy uses {name!r}, which a two-dimensional body does not have: use i1, J, I1, s1, s2")
+        raise LawError(
+            f"energy uses {name!r}, which a two-dimensional body does not have: use i1, J, I1, s1, s2"
+        )
     rough = expr.atoms(sp.Max, sp.Min, sp.Piecewise, sp.Abs, sp.sign, sp.floor, sp.ceiling)
     if rough:
-        raise LawError(f"energy has {type(next(iter(rough))).__name__}: it must be smooth, four derivatives are taken")
+        raise LawError(
+            f"energy has {type(next(iter(rough))).__name__}: it must be smooth, four derivatives are taken"
+        )
     made = Law("custom", dimension, expr, (MU, LAMBDA, *extra.values()))
+    _check_rest(made)
     _check_isotropic(made)
     return made
+
+
+def _check_rest(law_: Law) -> None:
+    s = STRETCHES[: law_.dimension]
+    expr = in_stretches(law_.energy, law_.dimension)
+    rest: dict[sp.Expr, sp.Expr] = {x: sp.Integer(1) for x in s}
+    rest |= {p: sp.Rational(17 + k, 10) for k, p in enumerate(law_.parameters)}
+    for part in (expr, sp.diff(expr, s[0]), sp.diff(expr, s[0], s[0])):
+        if not part.subs(rest).is_finite:
+            raise LawError(
+                "energy or its derivatives are not finite at rest, where every stretch and J are 1"
+            )
 
 
 def _check_isotropic(law_: Law) -> None:
@@ -156,7 +173,9 @@ def _check_isotropic(law_: Law) -> None:
         swapped = law_.energy.xreplace({s[a]: s[b] for a, b in enumerate(order[: len(s)])})
         values.append(float(in_stretches(swapped, law_.dimension).subs(numbers)))
     if max(values) - min(values) > 1e-10 * (1 + abs(values[0])):
-        raise LawError("energy changes when stretches are exchanged: it must be symmetric in s1, s2, s3 (isotropic)")
+        raise LawError(
+            "energy changes when stretches are exchanged: it must be symmetric in s1, s2, s3 (isotropic)"
+        )
 
 
 def in_stretches(expr: sp.Expr, dimension: int) -> sp.Expr:

@@ -26,7 +26,9 @@ CUSTOM = {
     },
     "Ogden in stretches": OGDEN,
 }
-CASES = [(name, n) for name in ENERGIES for n in (2, 3)] + [(name, n) for name, of in CUSTOM.items() for n in of]
+CASES = [(name, n) for name in ENERGIES for n in (2, 3)] + [
+    (name, n) for name, of in CUSTOM.items() for n in of
+]
 THRESHOLD = {"none": 0.0, "c1": 0.4, "c2": 0.9}
 
 
@@ -41,8 +43,7 @@ def material(name, dimension):
 
 
 def states(extension, dimension, count=200):
-    """Random F, most of them flattened or inverted where the law is extended, and none within 1e-2 of the kink,
-    of a threshold or of another region."""
+    """Random F, most of them flattened or inverted where the law is extended, none near the kink or a threshold."""
     rng = np.random.default_rng(5)
     F = np.eye(dimension) + rng.uniform(0.1, 1.0, size=(40 * count, 1, 1)) * rng.normal(
         size=(40 * count, dimension, dimension)
@@ -107,5 +108,7 @@ def test_a_wrong_derivative_would_be_found():
         for k, G in enumerate((x, x + step * direction)):
             kernel.evaluate(np.ascontiguousarray(G), parameters, energy=Ψ[k], stress=P[k])
         P *= 1 + 1e-3
-        errors.append(np.median(np.abs(Ψ[1] - Ψ[0] - step * np.einsum("ni,ni->n", P[0] + P[1], direction) / 2)))
+        errors.append(
+            np.median(np.abs(Ψ[1] - Ψ[0] - step * np.einsum("ni,ni->n", P[0] + P[1], direction) / 2))
+        )
     assert errors[1] > errors[0] / 30

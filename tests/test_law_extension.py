@@ -30,7 +30,9 @@ def limits(name, extension, ε, at, way):
     return sides
 
 
-@pytest.mark.parametrize("σ", [(1.4, 0.64), (0.95, 0.95), (1.5, 1.0, 0.6), (1.2, 1.2, 0.62), (0.97, 0.97, 0.97)])
+@pytest.mark.parametrize(
+    "σ", [(1.4, 0.64), (0.95, 0.95), (1.5, 1.0, 0.6), (1.2, 1.2, 0.62), (0.97, 0.97, 0.97)]
+)
 @pytest.mark.parametrize("name", ENERGIES)
 def test_c2_stress_and_its_derivative_are_continuous_across_the_threshold(name, σ):
     σ = np.array(σ)
@@ -94,7 +96,9 @@ def test_c1_stress_is_continuous_and_its_derivative_jumps(name, dimension, at_ed
     lower = [response(name, "c1", ε, np.sort(σ - n * step * way)[::-1]) for n in (1, 2)]
     above, under = ([2 * a - b for a, b in zip(*side)] for side in (upper, lower))
     for one, other in zip(above[:2], under[:2]):
-        assert np.abs(np.sort(np.atleast_1d(one)) - np.sort(np.atleast_1d(other))).max() <= 1e-9 * (1 + np.abs(one).max())
+        assert np.abs(np.sort(np.atleast_1d(one)) - np.sort(np.atleast_1d(other))).max() <= 1e-9 * (
+            1 + np.abs(one).max()
+        )
     jump = np.abs(above[2][edge, edge] - under[2][edge, edge])
     assert (jump > 0.1).all()
     assert np.abs(under[2][edge, edge] - K).max() <= 1e-9 * K  # k/2 (σ - ε)² and nothing else

@@ -82,7 +82,9 @@ def test_small_strains_are_linear_elasticity(name, d):
     kernel.evaluate(np.zeros((1, size)), parameters(made, "none"), energy=Ψ, stress=P)
     kernel.evaluate(np.zeros((1, size)), parameters(made, "none"), tangent=A, project=False)
     identity = np.eye(d)
-    linear = 0.4 * (np.einsum("ik,jl->ijkl", identity, identity) + np.einsum("il,jk->ijkl", identity, identity))
+    linear = 0.4 * (
+        np.einsum("ik,jl->ijkl", identity, identity) + np.einsum("il,jk->ijkl", identity, identity)
+    )
     linear += 1.7 * np.einsum("ij,kl->ijkl", identity, identity)
     assert abs(Ψ[0]) <= 1e-16 and np.abs(P).max() <= 1e-15
     assert np.abs(A[0] - linear.reshape(size, size)).max() <= 1e-14
