@@ -10,7 +10,6 @@ from .elastic_scene import ElasticScene
 from .errors import EXIT_FINISHED, InputError
 from .parallel import on_root
 from .scene import read_scene
-from .shapes import load_on_all
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -23,7 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
 
 def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
     """Print a line for each good scene and raise InputError with a line for each error of all scenes."""
-    load_on_all(comm)
     on_root(comm, lambda: _check(args.scenes))
     return EXIT_FINISHED
 

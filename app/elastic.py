@@ -62,12 +62,10 @@ def _check(scene: ElasticScene, data: meshes.MeshData) -> int:
 
 
 def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> forms.ElasticProblem:
-    analysis, continuation, damping = scene.analysis, scene.continuation, scene.damping
-    stages = [forms.Stage(poisson_ratio=ν) for ν in (continuation.poisson_ratio if continuation else ())]
-    if continuation and continuation.threshold:
-        stages = [forms.Stage(s.poisson_ratio, continuation.threshold[0]) for s in stages]
-        stages += [forms.Stage(threshold=ε) for ε in continuation.threshold]
-    prescribed = [forms.Prescribed(**_place(one), components=_components(one.components)) for one in scene.fixed]
+    analysis, damping = scene.analysis, scene.damping
+    prescribed = [
+        forms.Prescribed(**_place(one), components=_components(one.components)) for one in scene.fixed
+    ]
     for one in scene.motion:
         prescribed += _moved(one, dimension)
     return forms.ElasticProblem(
@@ -80,7 +78,7 @@ def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> form
         gravity=scene.gravity.acceleration if scene.gravity else None,
         integrator=analysis.integrator if analysis.type == "dynamic" else None,
         damping=(damping.mass, damping.stiffness) if damping else (0.0, 0.0),
-        stages=stages,
+        stages=_stages(scene),
         tolerance=scene.solver.tolerance,
         iterations=scene.solver.iterations,
         exact_tangent=scene.solver.tangent == "exact",
@@ -88,19 +86,29 @@ def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> form
     )
 
 
+def _stages(scene: ElasticScene) -> list[forms.Stage]:
+    """ν rises first, with the first threshold; then the threshold goes through its own stages."""
+    if scene.continuation is None:
+        return []
+    thresholds = scene.continuation.threshold
+    first = thresholds[0] if thresholds else None
+    stages = [forms.Stage(ν, first) for ν in scene.continuation.poisson_ratio]
+    return stages + [forms.Stage(threshold=ε) for ε in thresholds]
+
+
 def _start(scene: ElasticScene, problem: forms.ElasticProblem) -> None:
     start = scene.initial
-    how: dict[str, Any] = {
+    every: dict[str, dict[str, Any]] = {
         "rest": {},
         "scatter": {"amplitude": start.amplitude, "seed": start.seed},
         "collapse": {"to": start.to, "axis": start.axis, "noise": start.noise, "seed": start.seed},
         "mirror": {"axis": start.axis},
-    }[start.state]
+    }
     velocity = None
     if start.velocity is not None:
         field = _vector(start.velocity, SPACE)
         velocity = lambda x: field(x, 0.0)  # noqa: E731
-    problem.start(start.state, velocity, **how)
+    problem.start(start.state, velocity, **every[start.state])
 
 
 # ---------------------------------------------------------------------------------------- materials

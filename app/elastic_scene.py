@@ -80,9 +80,6 @@ class ElementSettings(Table):
     """[element]: the approximation of the displacement."""
 
     degree: Literal[1, 2] = Field(1, description="degree of the displacement's polynomials")
-    volumetric: Literal["standard", "projected"] = Field(
-        "standard", description="projected: the volumetric term is averaged, against locking at ν near 0.5"
-    )
 
 
 class Damping(Table):

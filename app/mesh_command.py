@@ -13,7 +13,7 @@ import numpy as np
 
 from .errors import EXIT_FINISHED, InputError, suggestion
 from .parallel import on_root
-from .shapes import load_on_all, shape_parameters, shapes
+from .shapes import shape_parameters, shapes
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
 
 def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
     """Build or read, check, report and write the mesh on rank 0."""
-    load_on_all(comm)
     lines = on_root(comm, lambda: _run(args))
     if comm.rank == 0:
         print("\n".join(lines), flush=True)

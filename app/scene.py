@@ -14,7 +14,6 @@ from .elastic_scene import ElasticScene
 from .errors import InputError
 from .parallel import on_root
 from .scene_errors import problem_line, problems_of
-from .shapes import load_on_all
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -36,7 +35,6 @@ def load_scene(path: str | Path, comm: MPI.Comm) -> ElasticScene:
     InputError
         On all ranks, with a line for each thing wrong.
     """
-    load_on_all(comm)
     return on_root(comm, lambda: read_scene(path))
 
 

@@ -4,23 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .errors import suggestion
 from .scene_fields import Problem
-
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
-
-def load_on_all(comm: MPI.Comm) -> None:
-    """Load `meshes` on all ranks before rank 0 asks it anything (collective).
-
-    dolfinx may come with it, and with that PETSc, whose start is collective: loaded on rank 0 alone it would
-    take part in whatever the other ranks exchange next. In serial the scene tells whether it is needed.
-    """
-    if comm.size > 1:
-        from extremal.meshes import distribute  # noqa: F401
 
 
 def shape_problems(shape: str, parameters: Mapping[str, Any]) -> Iterator[Problem]:
@@ -57,13 +44,9 @@ def shape_dimension(shape: str, parameters: Mapping[str, Any]) -> int | None:
 
 def shape_boundaries(shape: str, parameters: Mapping[str, Any]) -> tuple[str, ...] | None:
     """Return the names of the shape's boundaries, None where only the mesh will tell."""
-    import extremal.meshes
+    from extremal.meshes import SHAPES, boundary_names
 
-    known = getattr(extremal.meshes, "boundary_names", None)
-    if known is None or shape not in extremal.meshes.SHAPES:
-        return None
-    names = known(shape, **parameters)
-    return None if names is None else tuple(names)
+    return boundary_names(shape, **parameters) if shape in SHAPES else None
 
 
 def shapes() -> list[str]:

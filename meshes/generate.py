@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
-from .boxes import bar, box, mattress
+from .boxes import NAMES, bar, box, mattress
 from .creature import creature
 from .curved import cylinder, sphere, torus, tube
 from .data import MeshData, MeshError, choose
@@ -24,6 +24,21 @@ SHAPES: dict[str, Callable[..., MeshData]] = {
     "triangle": triangle,
     "tetrahedron": tetrahedron,
     "simplex": simplex,
+}
+
+_SIMPLEX: dict[int, tuple[str, ...]] = {2: ("base", "left", "right"), 3: ("base", "left", "right", "front")}
+BOUNDARIES: dict[str, dict[int, tuple[str, ...]]] = {
+    "box": NAMES,
+    "bar": NAMES,
+    "mattress": NAMES,
+    "sphere": dict.fromkeys((2, 3), ("bottom", "top")),
+    "cylinder": {3: ("bottom", "top", "side")},
+    "tube": {2: ("inner", "outer"), 3: ("bottom", "top", "inner", "outer")},
+    "torus": {3: ("left", "right")},
+    "creature": dict.fromkeys((2, 3), ("feet", "legs", "head", "ears", "tail", "trunk")),
+    "triangle": {3: _SIMPLEX[2]},
+    "tetrahedron": {3: _SIMPLEX[3]},
+    "simplex": _SIMPLEX,
 }
 
 
@@ -49,3 +64,18 @@ def generate(shape: str, **parameters: Any) -> MeshData:
         if name not in accepted:
             raise MeshError(f"{shape}: unknown parameter '{name}': {choose(name, accepted)}")
     return SHAPES[shape](**parameters)
+
+
+def boundary_names(shape: str, **parameters: Any) -> tuple[str, ...]:
+    """Names of a shape's boundaries, without building it; "surface", all of them together, is the last.
+
+    Parameters
+    ----------
+    shape : str
+        One of `SHAPES`.
+    **parameters
+        Those of its generator; only the dimension counts.
+    """
+    default = inspect.signature(SHAPES[shape]).parameters.get("dimension")
+    dimension = parameters.get("dimension", default.default if default else 0)
+    return (*BOUNDARIES[shape].get(dimension, BOUNDARIES[shape][3]), "surface")

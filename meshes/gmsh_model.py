@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import compat
+from . import libraries
 from .data import MeshData, MeshError
 from .quality import EDGES, cell_volumes, jacobians
 
@@ -37,7 +37,7 @@ def session() -> Iterator[Any]:
     # Terminal output stays off, but below a verbosity of 2 the log would not collect errors either.
     import gmsh
 
-    gmsh.initialize(**compat.gmsh_arguments(gmsh.initialize))
+    gmsh.initialize(**libraries.gmsh_arguments(gmsh.initialize))
     try:
         for name, value in OPTIONS.items():
             gmsh.option.setNumber(name, value)

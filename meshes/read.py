@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from . import compat
+from . import libraries
 from .check import check_nodes, repair
 from .data import MeshData, MeshError, choose
 from .order import with_order
@@ -93,7 +93,7 @@ def _read(path: Path) -> Any:
         raise MeshError(f"{path}: cannot be opened ({error.strerror})") from None
     if not start:
         raise MeshError(f"{path}: the file is empty")
-    formats = compat.meshio_formats().get(suffix)
+    formats = libraries.meshio_formats().get(suffix)
     if formats is None:
         raise MeshError(
             f"{path}: unknown file type '{suffix}': {choose(suffix, COMMON)}, and others of meshio"
@@ -107,7 +107,7 @@ def _read(path: Path) -> Any:
     reasons = []
     for file_format in formats:
         try:
-            return compat.meshio_read(path, file_format)
+            return libraries.meshio_read(path, file_format)
         except ValueError as error:
             reasons.append(str(error))
     raise MeshError(f"{path}: damaged, or not in the format {' or '.join(formats)} ({'; '.join(reasons)})")

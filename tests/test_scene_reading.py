@@ -34,7 +34,6 @@ energy = "a*(I1 - d) - mu*log(J) + lam/2*log(J)**2"
 parameters = { a = "0.5e5*(1 + z)" }
 [element]
 degree = 2
-volumetric = "projected"
 [[fixed]]
 boundary = ["left", "right"]
 components = ["x"]
@@ -177,6 +176,7 @@ def test_every_key_says_its_meaning() -> None:
 
 def test_names_that_the_mesh_does_not_have_are_refused_with_the_nearest() -> None:
     scene = minimal(
+        mesh={"file": "body.msh"},
         fixed=[{"boundary": ["left", "rigth"]}],
         pressure=[{"boundary": "roof", "value": 1}],
         regions={"sift": {"poisson_ratio": 0.2}},

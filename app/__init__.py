@@ -1,0 +1,1 @@
+"""The command line, scenes, session loop and everything that touches files."""
