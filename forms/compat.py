@@ -107,10 +107,12 @@ def held(space: Any, component: int, dofs: NDArray) -> Any:
 def cell_dofs(space: Any, cells: int) -> NDArray:
     """Blocks of each cell, shape (cells, blocks per cell)."""
     listed = space.dofmap.list
-    return np.asarray(getattr(listed, "array", listed)).reshape(cells, -1)
+    # not -1: this rank may have no cell
+    return np.asarray(getattr(listed, "array", listed)).reshape(cells, space.dofmap.dof_layout.num_dofs)
 
 
 def cell_nodes(mesh: Any, cells: int) -> NDArray:
     """Geometry nodes of each cell, shape (cells, nodes per cell)."""
     listed = mesh.geometry.dofmap
-    return np.asarray(getattr(listed, "array", listed)).reshape(cells, -1)
+    per_cell = mesh.geometry.cmap.create_dof_layout().num_dofs
+    return np.asarray(getattr(listed, "array", listed)).reshape(cells, per_cell)

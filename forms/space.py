@@ -76,7 +76,7 @@ class Space:
         points, weights = compat.rule(self.dimension, self.quadrature_degree)
         values = compat.evaluate(compat.expression(abs(size), points), self.mesh, self._all_cells)
         out = np.empty(self.point_of.size)
-        out[self.point_of] = values.reshape(self.cells, -1) * weights
+        out[self.point_of] = values.reshape(self.cells, self.per_cell) * weights
         return out
 
     def midpoints(self) -> NDArray:
