@@ -96,6 +96,7 @@ def add_vector(b: PETSc.Vec, compiled: Any) -> None:
 
 def add_matrix(a: PETSc.Mat, compiled: Any, conditions: list[Any]) -> None:
     """A += assembled form, rows and columns of the conditions left out, ones on their diagonal."""
+    a.assemble(PETSc.Mat.AssemblyType.FLUSH)  # PETSc refuses, unheard, to add after the ones of an earlier form
     fem_petsc.assemble_matrix(a, compiled, conditions)
 
 

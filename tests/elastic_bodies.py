@@ -45,7 +45,11 @@ def on(comm: MPI.Intracomm, shape: str, **parameters: Any) -> meshes.Domain:
 
 
 def material(
-    dimension: int, poisson_ratio: forms.Field = 0.3, young_modulus: forms.Field = 1.0, law: str = "neo_hookean", **more: Any
+    dimension: int,
+    poisson_ratio: forms.Field = 0.3,
+    young_modulus: forms.Field = 1.0,
+    law: str = "neo_hookean",
+    **more: Any,
 ) -> forms.Material:
     """A material of density 1 kg/m³; E = 1 Pa unless given."""
     moduli = {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio}
@@ -72,7 +76,9 @@ def slopes_of(energy: sp.Expr, between: dict[sp.Symbol, sp.Expr] | None = None) 
     between = between or {}
 
     def total(expr: sp.Expr, s: sp.Symbol) -> sp.Expr:
-        return sp.diff(expr, s) + sum(sp.diff(expr, m) * total(b, s) for m, b in between.items() if expr.has(m))
+        return sp.diff(expr, s) + sum(
+            sp.diff(expr, m) * total(b, s) for m, b in between.items() if expr.has(m)
+        )
 
     first = [total(energy, s) for s in (I1, J)]
     second = [total(first[0], I1), total(first[0], J), total(first[1], J)]
@@ -199,10 +205,14 @@ def errors(made: forms.ElasticProblem, exact: Any) -> tuple[float, float]:
     cells = np.arange(space.cells, dtype=np.int32)
 
     def at(what: Any) -> NDArray:
-        return compat.evaluate(compat.expression(what, points), space.mesh, cells).reshape(-1, *what.ufl_shape)
+        return compat.evaluate(compat.expression(what, points), space.mesh, cells).reshape(
+            -1, *what.ufl_shape
+        )
 
     x = at(ufl.SpatialCoordinate(space.mesh))
-    w = (at(abs(ufl.JacobianDeterminant(space.mesh)) * ufl.as_vector([1.0])).reshape(space.cells, -1) * weights).ravel()
+    w = (
+        at(abs(ufl.JacobianDeterminant(space.mesh)) * ufl.as_vector([1.0])).reshape(space.cells, -1) * weights
+    ).ravel()
     u = (at(space.u) - exact.displacement(x)) ** 2
     H = (at(ufl.grad(space.u)).reshape(len(x), d * d) - exact.gradient(x)) ** 2
     totals = [space.comm.allreduce(float(w @ part.sum(axis=1))) for part in (u, H)]

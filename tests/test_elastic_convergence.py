@@ -52,9 +52,16 @@ def observed(displacement, slopes, stuff, degree, divisions):
 
 @pytest.mark.parametrize(
     "poisson_ratio, degree, divisions, margin",
-    [(0.3, 1, (4, 8, 16), 0.05), (0.49, 1, (4, 8, 16, 32), 0.05), (0.3, 2, (4, 8, 16), 0.05), (0.49, 2, (4, 8, 16), 0.15)],
+    [
+        (0.3, 1, (4, 8, 16), 0.05),
+        (0.49, 1, (4, 8, 16, 32), 0.05),
+        (0.3, 2, (4, 8, 16), 0.05),
+        (0.49, 2, (4, 8, 16), 0.15),
+    ],
 )
-def test_plane_displacements_converge_with_the_order_of_the_elements(poisson_ratio, degree, divisions, margin):
+def test_plane_displacements_converge_with_the_order_of_the_elements(
+    poisson_ratio, degree, divisions, margin
+):
     stuff = material(2, poisson_ratio, threshold=0.3)  # J stays above: the base law everywhere
     l2, h1 = observed(WAVES_2D, neo_hookean(1, poisson_ratio, 2), stuff, degree, divisions)
     assert l2 > degree + 1 - margin

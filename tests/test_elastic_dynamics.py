@@ -34,7 +34,9 @@ def pulled(comm, integrator, **how):
         material(2, 0.3),
         integrator=integrator,
         prescribed=[Prescribed(boundary=("left",))],
-        tractions=[(("right",), lambda x, t: np.column_stack([0.3 * np.cos(3 * t) + 0 * x[:, 0], 0.2 * x[:, 1]]))],
+        tractions=[
+            (("right",), lambda x, t: np.column_stack([0.3 * np.cos(3 * t) + 0 * x[:, 0], 0.2 * x[:, 1]]))
+        ],
         gravity=(0.0, -0.3),
         **how,
     )
@@ -110,11 +112,15 @@ def test_mass_damping_converges_in_time_too(integrator):
 def free_body(integrator, **how):
     """A cube that flies, turns and swings."""
     domain = on(MPI.COMM_SELF, "box", cell_size=0.5, structured=True)
-    body = problem(domain, material(3, 0.3), integrator=integrator, tolerance=1e-11, exact_tangent=True, **how)
+    body = problem(
+        domain, material(3, 0.3), integrator=integrator, tolerance=1e-11, exact_tangent=True, **how
+    )
 
     def velocity(x):
         turning = np.cross([0.3, -0.2, 0.5], x - 0.5)
-        return [0.1, 0.2, -0.3] + turning + 0.3 * np.column_stack([x[:, 0] * x[:, 1], -x[:, 2] ** 2, x[:, 1]])
+        return (
+            [0.1, 0.2, -0.3] + turning + 0.3 * np.column_stack([x[:, 0] * x[:, 1], -(x[:, 2] ** 2), x[:, 1]])
+        )
 
     body.start(velocity=velocity)
     return body
@@ -145,7 +151,13 @@ def test_newmark_keeps_linear_momentum():
 
 
 @pytest.mark.parametrize(
-    "integrator, drift", [("backward_euler", (-0.9, -0.2)), ("bdf2", (-0.3, -0.01)), ("midpoint", (-0.02, 0.02)), ("newmark", (-0.02, 0.02))]
+    "integrator, drift",
+    [
+        ("backward_euler", (-0.9, -0.2)),
+        ("bdf2", (-0.3, -0.01)),
+        ("midpoint", (-0.02, 0.02)),
+        ("newmark", (-0.02, 0.02)),
+    ],
 )
 def test_energy_of_a_free_body_drifts_no_more_than_stated(integrator, drift):
     """Part of the energy of swinging, 100 steps of about a thirtieth of the slowest period."""
@@ -165,7 +177,9 @@ def slowest_mode(body):
     """Angular frequency [1/s] and shape of the slowest mode about rest, of unit mass."""
     x = body.equations.vector.duplicate()
     body.equations.tangent(x, body.equations.matrix, False)
-    stiffness = dense(body.equations.matrix) - dense_mass(body)  # before the first step inertia has the factor 1
+    stiffness = dense(body.equations.matrix) - dense_mass(
+        body
+    )  # before the first step inertia has the factor 1
     free = np.setdiff1d(np.arange(body.equations.owned), body.constraints.dofs)
     squares, shapes = eigh(stiffness[np.ix_(free, free)], dense_mass(body)[np.ix_(free, free)])
     shape = np.zeros(body.equations.owned)
@@ -181,7 +195,9 @@ def test_rayleigh_damping_slows_a_small_swing_at_the_exact_rate(integrator, shar
     def bar(**how):
         domain = on(MPI.COMM_SELF, "bar", size=[2.0, 0.5], cell_size=0.25, dimension=2, structured=True)
         held = [Prescribed(boundary=("left",))]
-        return problem(domain, integrator=integrator, prescribed=held, tolerance=1e-14, exact_tangent=True, **how)
+        return problem(
+            domain, integrator=integrator, prescribed=held, tolerance=1e-14, exact_tangent=True, **how
+        )
 
     frequency, shape = slowest_mode(bar())
     rate = 0.1 * frequency
@@ -201,7 +217,9 @@ def test_rayleigh_damping_slows_a_small_swing_at_the_exact_rate(integrator, shar
 def test_a_step_whose_local_error_is_too_large_is_refused(integrator):
     body = pulled(MPI.COMM_SELF, integrator, error_tolerance=1e-3)
     before = body.motion
-    with pytest.raises(StepFailure, match=r"^local error \S+ m is above error_tolerance = 0.001 m$") as failure:
+    with pytest.raises(
+        StepFailure, match=r"^local error \S+ m is above error_tolerance = 0.001 m$"
+    ) as failure:
         body.advance(0.5)
     assert body.motion is before and body.time == 0
     assert 0 < failure.value.wanted_step < 0.5
@@ -211,7 +229,9 @@ def test_a_step_whose_local_error_is_too_large_is_refused(integrator):
 def one_node(integrator, motion):
     """A triangle whose corners all follow `motion`: what a scheme makes of the boundary."""
     body = problem(
-        on(MPI.COMM_SELF, "triangle"), integrator=integrator, prescribed=[Prescribed(boundary=("surface",), motion=motion)]
+        on(MPI.COMM_SELF, "triangle"),
+        integrator=integrator,
+        prescribed=[Prescribed(boundary=("surface",), motion=motion)],
     )
     for _ in range(20):
         body.advance(0.05)
