@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 import time as clock
 from collections.abc import Mapping
@@ -23,6 +24,19 @@ SHOWN = {
 PATIENCE = 5.0
 
 
+def on_terminal() -> bool:
+    """Whether a person watches; mpirun gives its ranks a terminal even where its own output goes to a file."""
+    if not sys.stdout.isatty():
+        return False
+    if "OMPI_COMM_WORLD_SIZE" not in os.environ and "PMI_SIZE" not in os.environ:
+        return True
+    try:
+        with open(f"/proc/{os.getppid()}/fd/1", "ab", buffering=0) as output:
+            return output.isatty()
+    except OSError:
+        return True
+
+
 class Progress:
     """Progress of one run; make it on rank 0 only.
 
@@ -39,7 +53,7 @@ class Progress:
         self.quiet = quiet
         self.last_told = clock.monotonic()
         self.bar: Bar | None = None
-        if quiet or not sys.stdout.isatty():
+        if quiet or not on_terminal():
             return
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
         from rich.table import Column

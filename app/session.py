@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time as clock
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -181,8 +182,10 @@ class _Session:
         """Choose a shorter step after a failed one of length `dt`, or end the run."""
         words = str(error).splitlines() or [type(error).__name__]
         attempt = f"step {self.counts.step + 1}: dt {dt:.3g}"
-        if not self.step_size.rejected(dt, getattr(error, "wanted_step", None)):
+        wanted = getattr(error, "wanted_step", None)
+        if not self.step_size.rejected(dt, wanted):
             which = "the smallest step" if self.step_size.adaptive else "the fixed step"
+            which = "a shorter one would not help" if wanted == math.inf else which
             raise _Ended("failed", f"{attempt} ({which}): {words[0]}") from error
         self.output.note(f"{attempt} failed ({words[0]}); trying {self.step_size.dt:.3g}")
 

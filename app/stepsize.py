@@ -121,10 +121,11 @@ class StepSize:
         Parameters
         ----------
         wanted : float, optional
-            A shorter length that an error estimate asks for [s]; half of `dt` if not given.
+            A shorter length that an error estimate asks for [s]; half of `dt` if not given; infinite where no
+            length would help.
         """
         self.easy_steps = 0
-        if not self.adaptive or dt <= self.lower * (1 + ROUNDING):
+        if not self.adaptive or wanted == math.inf or dt <= self.lower * (1 + ROUNDING):
             return False
         shorter = wanted if wanted is not None and 0 < wanted < dt else CUT * dt
         self.dt = max(shorter, self.lower)

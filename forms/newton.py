@@ -18,6 +18,7 @@ ALWAYS: Mapping[str, object] = {
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 3,
     "snes_linesearch_max_it": 40,
+    "snes_divergence_tolerance": -1,  # from near rest a residual may well grow ten-thousandfold
     "snes_max_linear_solve_fail": 1_000_000_000,
     "ksp_rtol": 1e-4,
 }
@@ -196,7 +197,13 @@ class Newton:
                 return total
 
     def _run(self, snes: PETSc.SNES, x: PETSc.Vec, tolerance: float, iterations: int) -> Figures:
-        snes.setTolerances(rtol=0.0, atol=tolerance, stol=0.0, max_it=iterations)
+        user = PETSc.Options(self.prefix)  # who asks for other tolerances gets them
+        snes.setTolerances(
+            rtol=user.getReal("snes_rtol", 0.0),
+            atol=user.getReal("snes_atol", tolerance),
+            stol=user.getReal("snes_stol", 0.0),
+            max_it=min(iterations, user.getInt("snes_max_it", iterations)),
+        )
         try:
             snes.solve(None, x)
         except PETSc.Error as error:
@@ -208,6 +215,7 @@ class Newton:
         """A few iterations on the residual alone, where the energy's last digits no longer tell better from worse."""
         if self._polisher is None:
             self._polisher = self._snes(f"{self.prefix}polish_", POLISH)
+            self._polisher.setKSP(self.snes.getKSP())
         kept = x.copy()
         self._choice.projected = False
         figures = self._run(self._polisher, x, tolerance, 10)

@@ -178,8 +178,10 @@ class ElasticProblem:
         before = self.motion
         try:
             figures, stages, wanted = self._step(before, dt)
-        except StepFailure:
+        except StepFailure as failure:
             self.space.u.x.array[:] = before.u
+            if self._stands_still(before.u, dt):
+                failure.wanted_step = np.inf
             raise
         finally:
             self.equations.terms = None
@@ -187,6 +189,20 @@ class ElasticProblem:
         self.time += dt
         report = {"newton_iterations": figures.newton, "krylov_iterations": figures.krylov, "stages": stages}
         return report | ({"wanted_step": wanted} if wanted is not None else {})
+
+    def _stands_still(self, u: NDArray, dt: float) -> bool:
+        """Whether a step of any length is the same static problem."""
+        if self.is_dynamic or self.equations.pressures:
+            return False
+        moved = u.copy()
+        self.constraints.apply(moved, self.time + dt)
+        self.equations.set_time(self.time + dt)
+        change = self.equations.load.copy()
+        self.equations.set_time(self.time)
+        change.axpy(-1.0, self.equations.load)
+        difference = max(change.norm(), float(np.abs(moved - u).max(initial=0)))
+        change.destroy()
+        return self.comm.allreduce(difference, op=MPI.MAX) == 0
 
     def _step(self, before: Motion, dt: float) -> tuple[Figures, int, float | None]:
         u = self.space.u.x.array
