@@ -143,10 +143,6 @@ class Analysis(Table):
         default_factory=lambda data: data.get("time_step", 1.0) / 1024,
         description="step [s] below which a failing run gives up; default time_step/1024",
     )
-    largest_step: Positive = Field(
-        default_factory=lambda data: data.get("end_time", 1.0),
-        description="steps never exceed this [s]; default end_time",
-    )
     adaptive: Boolean = Field(
         True, description="shorten a failed step and try again, lengthen after easy ones"
     )
@@ -155,6 +151,12 @@ class Analysis(Table):
     )
     error_tolerance: Positive | None = Field(
         None, description="dynamic: local error [m] up to which a step is accepted; default: no such control"
+    )
+    largest_step: Positive = Field(
+        default_factory=lambda data: data.get(
+            "end_time" if data.get("type") == "static" or data.get("error_tolerance") else "time_step", 1.0
+        ),
+        description="steps never exceed this [s]; default end_time, in dynamics without error_tolerance time_step",
     )
 
     def problems(self) -> Iterator[Problem]:
