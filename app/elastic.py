@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,9 +41,13 @@ def build(scene: ElasticScene, comm: MPI.Comm) -> forms.ElasticProblem:
         domain = meshes.distribute(comm, data)
         names = on_root(comm, lambda: _check(scene, data))
         problem = _problem(scene, domain, names)
+        notes = [*(data.notes if data is not None else ()), *problem.laws.warnings()]
         _start(scene, problem)
     except (meshes.MeshError, forms.LawError) as error:
         raise InputError(f"{name}: {error}") from None
+    if comm.rank == 0:
+        for note in notes:
+            print(f"{name}: note: {note}", file=sys.stderr)
     return problem
 
 
