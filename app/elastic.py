@@ -36,11 +36,12 @@ def build(scene: ElasticScene, comm: MPI.Comm) -> forms.ElasticProblem:
         On all ranks, where mesh, names or values do not fit together.
     """
     name = str(scene.path or "scene")
-    data = on_root(comm, lambda: _mesh(scene))
+    kept: list[meshes.MeshData] = []  # the mesh stays on rank 0
+    dimension = on_root(comm, lambda: _read(scene, kept))
+    data = kept[0] if kept else None
     try:
         domain = meshes.distribute(comm, data)
-        names = on_root(comm, lambda: _check(scene, data))
-        problem = _problem(scene, domain, names)
+        problem = _problem(scene, domain, dimension)
         notes = [*(data.notes if data is not None else ()), *problem.laws.warnings()]
         _start(scene, problem)
     except (meshes.MeshError, forms.LawError) as error:
@@ -51,6 +52,13 @@ def build(scene: ElasticScene, comm: MPI.Comm) -> forms.ElasticProblem:
     return problem
 
 
+def _read(scene: ElasticScene, kept: list[meshes.MeshData]) -> int:
+    data = _mesh(scene)
+    check_on_mesh(scene, data.boundary_names, data.region_names, data.dimension)
+    kept.append(data)
+    return data.dimension
+
+
 def _mesh(scene: ElasticScene) -> meshes.MeshData:
     try:
         if scene.mesh_file is not None:
@@ -59,11 +67,6 @@ def _mesh(scene: ElasticScene) -> meshes.MeshData:
         return meshes.generate(str(scene.mesh.shape), **scene.mesh.parameters)
     except meshes.MeshError as error:
         raise InputError(f"{scene.path or 'scene'}: [mesh] {error}") from None
-
-
-def _check(scene: ElasticScene, data: meshes.MeshData) -> int:
-    check_on_mesh(scene, data.boundary_names, data.region_names, data.dimension)
-    return data.dimension
 
 
 def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> forms.ElasticProblem:
