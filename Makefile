@@ -46,7 +46,8 @@ lint: setup-dev
 	@ln -sfn ../../../app build/lint/extremal/app
 	@ln -sfn ../../../meshes build/lint/extremal/meshes
 	@ln -sfn ../../../forms build/lint/extremal/forms
-	MYPYPATH=build/lint $(python) -m mypy -p extremal.app -p extremal.meshes -p extremal.forms
+	@ln -sfn ../../../native build/lint/extremal/native
+	MYPYPATH=build/lint $(python) -m mypy -p extremal.app -p extremal.meshes -p extremal.forms -p extremal.native
 
 docs: setup
 	./setup.sh docs

@@ -3,13 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import os
-import platform
-import shlex
-import subprocess
-import sysconfig
-import tempfile
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -18,11 +11,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from extremal import native
+
 from .laws import Law, LawError
 
 EXTENSIONS = ("none", "c1", "c2", "ife")
 _SOURCES = ("kernel.c", "response.h", "stretches.h", "threshold.h")
-_FLAGS = ("-O3", "-march=native", "-std=c11", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
 _DOUBLES = ctypes.POINTER(ctypes.c_double)
 
 
@@ -116,19 +110,16 @@ def _pointer(array: NDArray | None):
 
 
 def _load(law: Law, extension: str, comm: MPI.Comm) -> ctypes.CDLL:
-    if comm.rank == 0:
-        try:
-            outcome: str | Exception = str(_build(law, extension))
-        except (OSError, subprocess.CalledProcessError, LawError) as error:
-            outcome = error
-    else:
-        outcome = ""
-    outcome = comm.bcast(outcome)
-    if isinstance(outcome, subprocess.CalledProcessError):
-        raise LawError(f"law {law.name!r} did not compile: {str(outcome.stderr).strip().splitlines()[0]}")
-    if isinstance(outcome, Exception):
-        raise outcome
-    library = ctypes.CDLL(outcome)
+    def source() -> str:
+        from .symbolic import c_source
+
+        return c_source(law, extension)
+
+    key = f"{law.energy}|{law.parameters}|{law.dimension}|{extension}|{_generator()}"
+    try:
+        library = native.load(comm, law.name, key, source, include=Path(__file__).parent)
+    except native.CompileError as error:
+        raise LawError(f"law {law.name!r} did not compile: {error}") from None
     long, integer = ctypes.c_long, ctypes.c_int
     library.extremal_evaluate.argtypes = [long, long, _DOUBLES, _DOUBLES, long, *[_DOUBLES] * 3, integer]
     library.extremal_evaluate.restype = long
@@ -141,38 +132,6 @@ def _load(law: Law, extension: str, comm: MPI.Comm) -> ctypes.CDLL:
 
 @cache
 def _generator() -> str:
-    """What the compiled code depends on besides the law: the generator, the kernel, the machine."""
+    """What the compiled code depends on besides the law."""
     here = Path(__file__).parent
-    text = "".join((here / name).read_text() for name in ("symbolic.py", "laws.py", *_SOURCES))
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        machine = next(line for line in lines if line.startswith("flags"))
-    except (OSError, StopIteration):
-        machine = platform.machine()
-    return text + machine + " ".join(_FLAGS)
-
-
-def _build(law: Law, extension: str) -> Path:
-    """Path of the shared library of `law`, compiled unless the cache has it."""
-    key = f"{law.energy}|{law.parameters}|{law.dimension}|{extension}|{_generator()}"
-    name = hashlib.sha256(key.encode()).hexdigest()[:24]
-    cache_folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "extremal"
-    library = cache_folder / f"{law.name}_{name}.so"
-    if library.exists():
-        return library
-    from .symbolic import c_source
-
-    cache_folder.mkdir(parents=True, exist_ok=True)
-    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[:1]
-    with tempfile.TemporaryDirectory(dir=cache_folder) as scratch:
-        source = Path(scratch) / "law.c"
-        source.write_text(c_source(law, extension))
-        made = Path(scratch) / "law.so"
-        subprocess.run(
-            [*compiler, *_FLAGS, f"-I{Path(__file__).parent}", str(source), "-o", str(made), "-lm"],
-            check=True,
-            capture_output=True,
-            text=True,
-        )
-        made.replace(library)
-    return library
+    return "".join((here / name).read_text() for name in ("symbolic.py", "laws.py", *_SOURCES))
