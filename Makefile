@@ -7,6 +7,7 @@ SCENE ?= app/scenes/scattered_cube.toml
 RANKS ?= 2
 RESULTS ?= results/$(basename $(notdir $(SCENE)))
 
+packages := app meshes forms native
 python := .venv/bin/python
 export OMP_NUM_THREADS ?= 1
 # Open MPI refuses to start as root (in a container, say) unless told twice
@@ -37,21 +38,18 @@ test-long test-hard: setup-dev
 	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and long"
 
 bench: setup
-	$(python) -m extremal.app study speed
+	$(python) -m extremal.app study cost
 
 # mypy wants the packages where their import names say: a folder of links does it
 lint: setup-dev
 	$(python) -m ruff check .
 	@mkdir -p build/lint/extremal
-	@ln -sfn ../../../app build/lint/extremal/app
-	@ln -sfn ../../../meshes build/lint/extremal/meshes
-	@ln -sfn ../../../forms build/lint/extremal/forms
-	@ln -sfn ../../../native build/lint/extremal/native
-	MYPYPATH=build/lint $(python) -m mypy -p extremal.app -p extremal.meshes -p extremal.forms -p extremal.native
+	@for name in $(packages); do ln -sfn ../../../$$name build/lint/extremal/$$name; done
+	MYPYPATH=build/lint $(python) -m mypy $(packages:%=-p extremal.%)
 
 docs: setup
 	./setup.sh docs
-	$(python) -m pdoc -o build/docs --docformat numpy extremal.app extremal.meshes extremal.forms
+	$(python) -m pdoc -o build/docs --docformat numpy $(packages:%=extremal.%)
 	@echo "API reference: build/docs/index.html; the guide is docs/README.md"
 
 clean:
