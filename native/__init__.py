@@ -98,7 +98,7 @@ def _build(name: str, key: str, source: Callable[[], str], language: str, includ
             [*compiler, *flags, *folders, str(text), "-o", str(made), "-lm"], capture_output=True, text=True
         )
         if done.returncode:
-            complaints = [line for line in done.stderr.splitlines() if "error" in line] or ["no reason given"]
-            raise CompileError(f"{compiler[0]}: {complaints[0].strip()}")
+            said = done.stderr.splitlines() or ["no reason given"]
+            raise CompileError(next((line for line in said if "error" in line), said[0]).strip())
         made.replace(library)
     return library

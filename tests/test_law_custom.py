@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from extremal.forms import kernel as kernel_module
+from extremal import native
 from extremal.forms.kernel import Kernel
 from extremal.forms.laws import LawError, custom, law
 from extremal.forms.material import Material, density_at, lame_parameters, young_poisson
@@ -190,7 +190,7 @@ def test_a_law_is_compiled_once(tmp_path, monkeypatch):
         calls.append(arguments)
         return run(*arguments, **options)
 
-    monkeypatch.setattr(kernel_module.subprocess, "run", counted)
+    monkeypatch.setattr(native.subprocess, "run", counted)
     Kernel(law("corotated", 2), "none")
     Kernel(law("corotated", 2), "none")
     assert len(calls) == 1
