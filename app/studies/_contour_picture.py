@@ -10,7 +10,7 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
-from matplotlib import colors, patheffects
+from matplotlib import colors, patheffects, ticker
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .contour import Subject
 
 GOLD, ARROW, INVALID, INVERTED = "#f2b705", "#c8662b", "#bdbdbd", "#f8d7d5"
+VIEW = -22  # degrees: nearly along the kink, from the valid side
 SURFACE = matplotlib.colormaps["viridis"]
 
 
@@ -33,7 +34,7 @@ def contours(planes: Sequence[tuple[Subject, Plane]]) -> Figure:
         ax.set_title(f"{one.title}{place}", fontsize=12)
     handles = [
         matplotlib.lines.Line2D([], [], color=GOLD, lw=3, label="primary contour"),
-        matplotlib.lines.Line2D([], [], color=GOLD, lw=1.3, ls=":", label="v·g = 0, not connected to rest"),
+        matplotlib.lines.Line2D([], [], color=GOLD, lw=1.3, label="v·g = 0, not connected to rest"),
         matplotlib.lines.Line2D([], [], color=ARROW, marker=r"$\rightarrow$", ms=13, ls="", label="downhill"),
         matplotlib.patches.Patch(color=INVALID, label="cannot occur (sign convention)"),
         matplotlib.patches.Patch(color=INVERTED, label="inverted"),
@@ -45,7 +46,7 @@ def contours(planes: Sequence[tuple[Subject, Plane]]) -> Figure:
     )
     ν = planes[0][0].poisson_ratio
     figure.suptitle(f"Primary contours, ν = {ν:g}", x=0.02, ha="left", fontsize=14, weight="bold")
-    figure.tight_layout(rect=(0, 0.13 if len(planes) == 1 else 0.07, 1, 0.99))
+    figure.tight_layout(rect=(0, 0.16 if len(planes) == 1 else 0.115, 1, 0.99))
     return figure
 
 
@@ -75,7 +76,7 @@ def _panel(ax: Any, part: Plane) -> None:
     outline = [patheffects.Stroke(linewidth=5.0, foreground="#6b5200"), patheffects.Normal()]
     middle = part.segments.mean(axis=1)
     shown = _valid(middle, part.fixed)
-    for primary, style in ((False, {"linewidths": 1.3, "linestyles": ":"}), (True, {"linewidths": 3.4})):
+    for primary, style in ((False, {"linewidths": 1.3}), (True, {"linewidths": 3.4})):
         chosen = part.segments[shown & (part.primary == primary)]
         lines = LineCollection(list(chosen), colors=GOLD, capstyle="round", zorder=4, **style)
         if primary:
@@ -115,9 +116,9 @@ def kinks(corotated: Subject, extended: Subject) -> Figure:
     """Draw the corotated energy for σ1 = 1 and 5 (figure 6.4) and a C1 extended energy in 2D (figure 6.9)."""
     from extremal.forms.contour import evaluate, plane
 
-    figure = Figure(figsize=(14.5, 7.2), dpi=110, facecolor="white")
-    grid = figure.add_gridspec(2, 3, height_ratios=(1, 2.3), hspace=0.12, wspace=0.16)
-    reach = {0: (1.0, 2.5), 1: (5.0, 4.0)}
+    figure = Figure(figsize=(14.5, 7.6), dpi=110, facecolor="white")
+    grid = figure.add_gridspec(2, 3, height_ratios=(1, 2.3), hspace=0.1, wspace=0.16)
+    reach = {0: (1.0, 2.2), 1: (5.0, 3.0)}
     for column, (c, width) in reach.items():
         t = np.linspace(-width, width, 401)
         line = np.column_stack([np.full_like(t, c), t, t])
@@ -129,21 +130,20 @@ def kinks(corotated: Subject, extended: Subject) -> Figure:
         ax.plot(t[t <= 0], smooth[t <= 0], color="#1f4e79", lw=1.2, ls="--", label="formula continued")
         low = smooth.argmin()
         ax.plot(t[low], smooth[low], "o", color="#2166ac", ms=8, mec="white", label="minimum without the kink")
-        ax.set(xlim=(-width, width), xlabel="σ₂ = σ₃", ylim=(Ψ.min() - 0.35 * np.ptp(Ψ), Ψ.max()))
+        ax.set(xlim=(-width, width), xlabel="σ₂ = σ₃", ylim=(Ψ.min() - 0.5 * np.ptp(Ψ), Ψ.max()))
         ax.set_title(f"{corotated.title}, σ₁ = {c:g}", fontsize=12)
         ax.xaxis.set_label_coords(0.93, 0.13)
         ax.set_ylabel("Ψ / E")
         if column == 0:
-            ax.legend(fontsize=8.5, loc="upper center", frameon=False)
+            ax.legend(fontsize=8.5, loc="lower left", frameon=False)
         s = np.linspace(-width, width, 121)
         part = plane(corotated.kernel, corotated.parameters, s, s, c)
         _surface(figure.add_subplot(grid[1, column], projection="3d"), part, "")
-    s = np.linspace(-1.2, 2.4, 145)
+    s = np.linspace(-0.8, 1.6, 145)
     part = plane(extended.kernel, extended.parameters, s, s)
     ax = figure.add_subplot(grid[:, 2], projection="3d")
-    _surface(ax, part, f"{extended.title}, 2D", cut=np.nanquantile(part.energy, 0.97))
     ε = extended.parameters[-2]
-    ax.text2D(0.5, 0.06, f"ε = {ε:g}: the law itself for σ₁, σ₂ ≥ ε", transform=ax.transAxes, ha="center", fontsize=10)
+    _surface(ax, part, f"{extended.title}, 2D\nthe law itself where σ₁, σ₂ ≥ {ε:g}")
     ν = corotated.poisson_ratio
     figure.suptitle(
         f"Energy over stretches, ν = {ν:g}: the kink where two stretches add up to zero",
@@ -153,13 +153,13 @@ def kinks(corotated: Subject, extended: Subject) -> Figure:
     return figure
 
 
-def _surface(ax: Any, part: Plane, title: str, cut: float | None = None) -> None:
+def _surface(ax: Any, part: Plane, title: str) -> None:
     a, b = np.meshgrid(part.first, part.second, indexing="ij")
-    energy = part.energy if cut is None else np.minimum(part.energy, cut)
+    energy = part.energy
     finite = np.isfinite(energy)
     scale = colors.PowerNorm(0.5, np.nanmin(energy[finite]), np.nanmax(energy[finite]))
     shade = SURFACE(scale(np.where(finite, energy, 0.0)))
-    shade[~part.valid] = colors.to_rgba("#8f8f8f")
+    shade[~part.valid] = colors.to_rgba("#b5b5b5")
     light = colors.LightSource(azdeg=225, altdeg=55)
     lit = light.shade_rgb(shade[..., :3], np.where(finite, energy, 0.0), blend_mode="soft", vert_exag=0.4)
     step = max(1, len(part.first) // 120)
@@ -169,6 +169,8 @@ def _surface(ax: Any, part: Plane, title: str, cut: float | None = None) -> None
     )  # fmt: skip
     names = ("σ₁", "σ₂") if part.fixed is None else ("σ₂", "σ₃")
     ax.set(xlabel=names[0], ylabel=names[1], zlabel="Ψ / E")
-    ax.view_init(elev=32, azim=-112)
+    ax.view_init(elev=30, azim=VIEW)
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_major_locator(ticker.MaxNLocator(5))
     if title:
         ax.set_title(title, fontsize=12)

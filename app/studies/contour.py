@@ -158,9 +158,9 @@ def subject(
 
         try:
             energy = parse(law, ["i1", "i2", "J", "I1", "I2", "s1", "s2", "s3", "d", "mu", "lam"])
-        except ExpressionError as error:
+            made, name = laws.custom(energy, dimension), "custom"
+        except (ExpressionError, laws.LawError) as error:
             raise InputError(f"--energy: {error}") from None
-        made, name = laws.custom(energy, dimension), "custom"
     else:
         made, name = laws.law(law, dimension), law
     moduli = {"young_modulus": 1.0, "poisson_ratio": poisson_ratio}
