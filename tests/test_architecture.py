@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("app", "meshes", "forms", "native")
+PACKAGES = ("app", "meshes", "forms", "mpm", "native")
 MAY_KNOW = {
-    "app": {"app", "meshes", "forms"},
+    "app": {"app", "meshes", "forms", "mpm"},
     "forms": {"forms", "meshes", "native"},
     "meshes": {"meshes"},
+    "mpm": {"mpm", "native"},
     "native": {"native"},
 }
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))

@@ -1,0 +1,1 @@
+"""Snow: splines, particles, grid, constitutive law, transfers, colliders, the step."""
