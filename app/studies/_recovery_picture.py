@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 from ..results import atomic
 from ._table import Row
@@ -85,11 +86,11 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
                 ]
                 if runs:
                     _cell(panel, i, j, runs, colours)
-    legend = axes[len(starts)]
     for spare in axes[len(starts) :]:
         spare.axis("off")
+    legend = axes[len(starts)]
     bar = figure.colorbar(
-        ScalarMappable(cmap=colours), ax=legend, orientation="horizontal", fraction=0.12, location="top"
+        ScalarMappable(cmap=colours), cax=legend.inset_axes((0.1, 0.72, 0.8, 0.06)), orientation="horizontal"
     )
     bar.set_label("share of the runs that recover", fontsize=9)
     bar.ax.tick_params(labelsize=8)
@@ -99,12 +100,12 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
         "Large: median Newton iterations of the\nruns that recover (– if none does).\n"
         "Small: recovered / run, where not all do."
     )
-    legend.text(0.5, 0.75, text, fontsize=9, ha="center", va="top", transform=legend.transAxes)
+    legend.text(0.5, 0.45, text, fontsize=9, ha="center", va="top", transform=legend.transAxes)
     with atomic(path) as partial:
         figure.savefig(partial, format="png")
 
 
-def _cell(panel, i: int, j: int, runs: Sequence[Row], colours) -> None:  # type: ignore[no-untyped-def]
+def _cell(panel: Any, i: int, j: int, runs: Sequence[Row], colours: Any) -> None:
     good = [int(row["newton"]) for row in runs if row["outcome"] == "recovered"]
     share = len(good) / len(runs)
     from matplotlib.patches import Rectangle

@@ -80,9 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             name, metavar="A,B", type=_of(choices), default=[*choices], help="some of: " + ", ".join(choices)
         )
-    parser.add_argument(
-        "--poisson-ratios", metavar="A,B", type=_ratios, default=[*POISSON_RATIOS], help="below 0.5"
-    )
+    parser.add_argument("--poisson-ratios", metavar="A,B", type=_ratios, default=[*POISSON_RATIOS], help="below 0.5")
     parser.add_argument("--seeds", metavar="N", type=_positive(int), default=5, help="random starts (5)")
     parser.add_argument(
         "--cell-size", metavar="H", type=_positive(float), default=0.1, help="of edges [m] (0.1: 4994 cells)"
@@ -216,7 +214,7 @@ def problem(domain: Domain, model: Model, poisson_ratio: float) -> ElasticProble
     return forms.ElasticProblem(
         domain,
         dict.fromkeys(domain.region_names, material),
-        prescribed=[forms.Prescribed(boundary="left", components=(0, 1, 2))],
+        prescribed=[forms.Prescribed(boundary=("left",), components=(0, 1, 2))],
         stages=[forms.Stage(poisson_ratio=ν) for ν in model.stages],
         tolerance=TOLERANCE,
         iterations=ITERATIONS,

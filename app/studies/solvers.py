@@ -133,10 +133,10 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
     what = KINDS[kind]
     moduli = {"young_modulus": 1.0, "poisson_ratio": what.poisson_ratio}
     material = forms.Material(forms.law("neo_hookean", 3), moduli)
-    prescribed = [forms.Prescribed(boundary="left", components=(0, 1, 2))]
+    prescribed = [forms.Prescribed(boundary=("left",), components=(0, 1, 2))]
     if what.stretch:
         pull = lambda x, t: np.tile([what.stretch * t, 0.0, 0.0], (len(x), 1))  # noqa: E731
-        prescribed.append(forms.Prescribed(boundary="right", components=(0, 1, 2), motion=pull))
+        prescribed.append(forms.Prescribed(boundary=("right",), components=(0, 1, 2), motion=pull))
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     end, outcome = "converged", "solved"
     with _options(SOLVERS[solver]):
@@ -147,7 +147,8 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
             prescribed=prescribed,
             stages=[forms.Stage(poisson_ratio=0.0)] if what.start == "scatter" else [],
         )
-        body.start(what.start, **({"seed": 1} if what.start == "scatter" else {}))
+        how: dict[str, Any] = {"seed": 1} if what.start == "scatter" else {}
+        body.start(what.start, **how)
         began = time.process_time()
         try:
             report = body.advance(1.0)
