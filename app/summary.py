@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import matplotlib
 
@@ -18,7 +19,7 @@ from matplotlib import colors, ticker
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from .results import HISTORY, ITERATIONS, RECORD, SUMMARY, Series, atomic, read_table
+from .results import HISTORY, ITERATIONS, RECORD, SERIES, SUMMARY, Series, atomic, read_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -63,7 +64,7 @@ def draw(folder: Path) -> Path:
     record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     history = _columns(folder / HISTORY)
     iterations = _columns(folder / ITERATIONS)
-    shapes = _first_and_last(folder)
+    shapes = _shapes(folder, history)
 
     figure = Figure(figsize=(13.5, 6.4), dpi=110, facecolor="white")
     figure.text(0.02, 0.955, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
@@ -94,10 +95,20 @@ def _columns(path: Path) -> dict[str, NDArray[Any]]:
 # ---------------------------------------------------------------------- shapes
 
 
-def _first_and_last(folder: Path) -> list[tuple[str, Shape]]:
-    """Return the titles and shapes of the first and the last frame that exist."""
+def _shapes(folder: Path, history: Mapping[str, NDArray[Any]]) -> list[tuple[str, Shape]]:
+    """Return the titles and shapes of the first and the last frame that exist.
+
+    Where elements were inverted in between only, the frame nearest to the worst step comes between them.
+    """
     count = sum(1 for _ in (folder / Series.name(0)).parent.glob("frame_*.vtu"))
     wanted = {0: "before", count - 1: "after"} if count > 1 else {0: "start"}
+    inverted = history.get("inverted", np.zeros(0))
+    if count > 2 and len(inverted) and inverted[0] == inverted[-1] == 0 < inverted.max():
+        times = [float(entry.get("timestep", 0)) for entry in ElementTree.parse(folder / SERIES).iter("DataSet")]
+        worst = np.argmin(history.get("smallest_J", -inverted))
+        middle = int(np.argmin(np.abs(np.array(times) - history["time"][worst])))
+        if 0 < middle < count - 1:
+            wanted = {0: "before", middle: f"time {times[middle]:.3g}", count - 1: "after"}
     paths = {title: folder / Series.name(index) for index, title in wanted.items()}
     return [(title, _read_shape(path)) for title, path in paths.items() if path.exists()]
 
@@ -139,19 +150,29 @@ def _draw_shapes(figure: Figure, shapes: list[tuple[str, Shape]]) -> None:
     together = np.array([all_corners[:, 0].min(axis=0), all_corners[:, 1].max(axis=0)])
     # one scale for both, unless one would become a speck
     shared = max(extents) <= 2.5 * min(extents) and np.ptp(together, axis=0).max() <= 2.5 * min(extents)
-    width = 0.60 / len(shapes)
+    number = len(shapes)
+    wide, high = np.ptp(together, axis=0)[:2]
+    stacked = shapes[0][1].planar and wide > 1.3 * high
     for i, (title, shape) in enumerate(shapes):
-        place = (0.005 + i * width, 0.17, width, 0.71)
         bounds = together if shared else shape.corners
-        if shape.planar:
-            _draw_plane(figure.add_axes((place[0] + 0.03, 0.21, width - 0.04, 0.63)), shape, bounds, scale)
+        if stacked:
+            height = 0.69 / number
+            x, y, width = 0.04, 0.19 + (number - 1 - i) * height, 0.56
+            top = y + height - 0.01
+            axes = figure.add_axes((x, y + 0.05, width, height - 0.07))
         else:
-            _draw_solid(figure.add_axes(place, projection="3d"), shape, bounds, scale)
+            width = 0.60 / number
+            x, top = 0.005 + i * width, 0.885
+            place = (x + 0.03, 0.21, width - 0.04, 0.63) if shape.planar else (x, 0.17, width, 0.71)
+            axes = figure.add_axes(place, projection=None if shape.planar else "3d")
+        (_draw_plane if shape.planar else _draw_solid)(axes, shape, bounds, scale)
+        if stacked and i < number - 1:
+            axes.set_xlabel("")  # the one below says it
         count = int(shape.inverted.sum())
         shown = "elements" if shape.planar else "boundary facets"
         words = f"{title}: {count} of {len(shape.values)} {shown} inverted" if count else title
         figure.text(
-            place[0] + width / 2, 0.885, words, ha="center", fontsize=11, color=INVERTED if count else "black"
+            x + width / 2, top, words, ha="center", fontsize=11, color=INVERTED if count else "black"
         )
     if shapes[0][1].quantity:
         bar = figure.add_axes((0.13, 0.145, 0.28, 0.018))
@@ -233,6 +254,8 @@ def _draw_histories(
 ) -> None:
     x = table.get(along, np.zeros(0))
     energies = [n for n in ("energy", "elastic_energy", "kinetic_energy") if _worth(table, n)]
+    # a part that is the whole would hide it
+    energies = [n for n in energies if n == "energy" or not np.array_equal(table[n], table.get("energy", ()))]
     for name in energies:
         top.plot(x, table[name], label=name.replace("_", " "), lw=1.4 if name == "energy" else 1.0)
     if energies:

@@ -100,3 +100,22 @@ def test_a_missing_plotting_library_costs_the_picture_only(comm, tmp_path, monke
     settings = scene(output={"summary": True})
     assert session.run(FakeProblem(comm), settings, tmp_path, quiet=True).exit_code == 0
     assert "summary.png not drawn: " in capsys.readouterr().out
+
+
+def test_the_worst_frame_is_shown_where_elements_were_inverted_in_between_only(tmp_path, monkeypatch):
+    entries = "".join(f'<DataSet timestep="{time}"/>' for time in (0.0, 0.5, 1.0, 2.0))
+    (tmp_path / "fields.pvd").write_text(f"<VTKFile><Collection>{entries}</Collection></VTKFile>")
+    (tmp_path / "fields").mkdir()
+    for index in range(4):
+        (tmp_path / summary.Series.name(index)).touch()
+    monkeypatch.setattr(summary, "_read_shape", lambda path: path.name)
+    time = np.array([0.0, 0.5, 0.6, 1.0, 2.0])
+
+    def shown(inverted: list[float]) -> list[str]:
+        history = {"time": time, "inverted": np.array(inverted), "smallest_J": 1 - np.array(inverted)}
+        return [title for title, _ in summary._shapes(tmp_path, history)]
+
+    assert shown([0, 1, 3, 2, 0]) == ["before", "time 0.5", "after"]
+    assert shown([5, 1, 3, 2, 0]) == ["before", "after"]
+    assert shown([0, 1, 3, 2, 2]) == ["before", "after"]
+    assert shown([0, 0, 0, 0, 0]) == ["before", "after"]
