@@ -114,8 +114,8 @@ class _Surface:
             raise LawError(f"boundary {', '.join(boundary)} has no facet")
         marks = np.ones(len(facets), dtype=np.int32)
         tags = dolfinx.mesh.meshtags(space.mesh, space.dimension - 1, facets, marks)
-        degree = 2 * space.degree
-        self.ds = ufl.Measure("ds", domain=space.mesh, subdomain_data=tags, subdomain_id=1, metadata={"quadrature_degree": degree})
+        rule = {"quadrature_degree": 2 * space.degree}
+        self.ds = ufl.Measure("ds", domain=space.mesh, subdomain_data=tags, subdomain_id=1, metadata=rule)
 
 
 class Traction:

@@ -212,7 +212,7 @@ def test_a_tube_under_a_large_pressure_follows_the_surface():
     def rates(R, y):  # y = r, R P_r; the radial stretch is the root of P_r
         r, force = y
         turn = r / R
-        s = np.array([fsolve(lambda s: stress(s, t) - f / q, 0.8)[0] for t, f, q in zip(turn, force, R)])
+        s = fsolve(lambda s: stress(s, turn) - force / R, np.full(len(R), 0.8))
         return np.array([s, stress(turn, s)])
 
     R = np.linspace(INNER, OUTER, 21)
