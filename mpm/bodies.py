@@ -1,0 +1,101 @@
+"""Filling regions with particles."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .shapes import BodyError, Box, Cylinder, HalfSpace, Region, Sphere, Wedge, positive
+
+__all__ = ["BodyError", "Box", "Cylinder", "HalfSpace", "Region", "Sphere", "Wedge", "hash_uniform", "seed"]
+
+AT_ONCE = 1 << 16  # cells per pass: what a pass needs stays below about 100 MB
+
+
+def seed(region: Region, cell_size: float, per_cell: int, seed: int = 0, part: tuple[int, int] = (0, 1)) -> NDArray:
+    """Stratified random points in a region: `per_cell` in each grid cell, those outside the region dropped (7.9).
+
+    Each cell [i h, (i+1) h) is cut into k^D equal parts, k^D >= per_cell; `per_cell` parts, chosen at random when
+    there are more, get one point each, anywhere in the part. Random numbers depend only on (seed, cell), so that a
+    point is where it is however the work is divided. A particle's mass is then ρ h^D / per_cell.
+
+    Parameters
+    ----------
+    region : Region
+    cell_size : float [m]
+        h; cell boundaries are multiples of it.
+    per_cell : int
+        Points per whole cell; 4 to 10 are usual.
+    seed : int
+        Another number gives other points.
+    part : (int, int)
+        Number of this share and count of shares: parts (0, n) ... (n-1, n), one after the other, are the whole.
+
+    Returns
+    -------
+    NDArray, shape (n, D) [m]
+        Ordered by cell, last axis fastest.
+
+    Raises
+    ------
+    BodyError
+        If the region is unbounded, or a number is not positive.
+    """
+    h = positive("body", "cell_size", cell_size)
+    if int(per_cell) != per_cell or per_cell < 1:
+        raise BodyError(f"body: per_cell must be a whole number, 1 or above, got {per_cell}")
+    low, high = (np.asarray(corner, dtype=float) for corner in region.bounds())
+    if not (np.isfinite(low).all() and np.isfinite(high).all()):
+        raise BodyError("body: an unbounded region (half_space) cannot be filled; take a box")
+    first = np.floor(low / h).astype(np.int64)
+    counts = np.maximum(np.floor(high / h).astype(np.int64) + 1 - first, 0)
+    total, (share, shares) = int(np.prod(counts)), part
+    begin, end = total * share // shares, total * (share + 1) // shares
+    found = [np.empty((0, len(low)))]
+    for start in range(begin, end, AT_ONCE):
+        numbers = np.arange(start, min(start + AT_ONCE, end))
+        cells = first + np.stack(np.unravel_index(numbers, tuple(counts)), axis=1)
+        points = _points(cells, h, int(per_cell), seed)
+        found.append(points[region.inside(points)])
+    return np.concatenate(found)
+
+
+def _points(cells: NDArray, h: float, per_cell: int, seed: int) -> NDArray:
+    """Points (len(cells) per_cell, D) in the cells (m, D)."""
+    m, dim = cells.shape
+    k = 1
+    while k**dim < per_cell:
+        k += 1
+    parts = np.array(list(product(range(k), repeat=dim)), dtype=float)
+    keys = _hash(np.uint64(seed % 2**64), *cells.T)[:, None]
+    if len(parts) > per_cell:
+        order = hash_uniform(keys, np.arange(len(parts)), 0).argsort(axis=1, kind="stable")
+        corners = parts[np.sort(order[:, :per_cell], axis=1)]
+    else:
+        corners = np.broadcast_to(parts, (m, *parts.shape))
+    jitter = np.stack([hash_uniform(keys, np.arange(per_cell), 1 + axis) for axis in range(dim)], axis=2)
+    return (h * (cells[:, None, :] + (corners + jitter) / k)).reshape(-1, dim)
+
+
+def hash_uniform(*numbers: int | NDArray) -> NDArray:
+    """A number in [0, 1) for each tuple of whole numbers (broadcast), as good as random."""
+    return (_hash(*numbers) >> np.uint64(11)) * 2.0**-53
+
+
+def _hash(*numbers: int | NDArray) -> NDArray:
+    """64 bits from each tuple of whole numbers: splitmix64's finaliser, chained.
+
+    NumPy's generators are streams; here each cell needs its own, whatever cells came before.
+    """
+    state = np.uint64(0)
+    with np.errstate(over="ignore"):
+        for number in numbers:
+            word = np.asarray(number)
+            word = word if word.dtype == np.uint64 else word.astype(np.int64).view(np.uint64)
+            state = (np.atleast_1d(state) ^ word) + np.uint64(0x9E3779B97F4A7C15)
+            state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            state = state ^ (state >> np.uint64(31))
+    return np.asarray(state)
