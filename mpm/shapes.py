@@ -260,8 +260,9 @@ def convex_polygon(corners: NDArray, x: NDArray) -> tuple[NDArray, NDArray]:
     to_edge = arms - fraction[:, :, None] * edges
     apart = length(to_edge)
     rows, facing = np.arange(len(x)), side.argmax(axis=1)
-    inside, closest = side[rows, facing] <= 0, apart.argmin(axis=1)
-    phi = np.where(inside, side[rows, facing], apart[rows, closest])
+    closest = apart.argmin(axis=1)
+    inside = (side[rows, facing] <= 0) | (apart[rows, closest] == 0)  # rounding may put an edge's own points outside
+    phi = np.where(inside, np.minimum(side[rows, facing], 0.0), apart[rows, closest])
     away = to_edge[rows, closest] / np.where(inside, 1.0, phi)[:, None]
     return phi, np.where(inside[:, None], outward[facing], away)
 
