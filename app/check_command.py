@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .elastic_scene import ElasticScene
 from .errors import EXIT_FINISHED, InputError
 from .parallel import on_root
 from .scene import read_scene
+from .snow_scene import SnowScene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -39,8 +40,15 @@ def _check(paths: Sequence[str]) -> None:
         raise InputError(*errors)
 
 
-def summary(scene: ElasticScene) -> str:
+def summary(scene: Any) -> str:
     """Return what a scene asks for, in a line."""
+    parts = _snow(scene) if isinstance(scene, SnowScene) else _elastic(scene)
+    if scene.expect:
+        parts.append(f"{len(scene.expect)} expected")
+    return ", ".join(parts)
+
+
+def _elastic(scene: ElasticScene) -> list[str]:
     dimension = "" if scene.dimension is None else f" {scene.dimension}D"
     body = scene.mesh.shape or scene.mesh.file
     extension = scene.material.extension
@@ -57,6 +65,21 @@ def summary(scene: ElasticScene) -> str:
     parts += [key for key in present if getattr(scene, key) is not None]
     if scene.initial.state != "rest":
         parts.append(f"starts from {scene.initial.state}")
-    if scene.expect:
-        parts.append(f"{len(scene.expect)} expected")
-    return ", ".join(parts)
+    return parts
+
+
+def _snow(scene: SnowScene) -> list[str]:
+    analysis = scene.analysis
+    laws = dict.fromkeys(scene.material_of(body).law for body in scene.body)
+    bodies = [body.shape for body in scene.body]
+    colliders = [collider.shape for collider in scene.collider]
+    parts = [f"{scene.part} {scene.dimension}D, cells of {scene.cell_size:g} m", "/".join(laws)]
+    parts += [_counted(bodies, "body", "bodies")]
+    parts += [_counted(colliders, "collider", "colliders")] if colliders else []
+    parts.append("explicit" if analysis.beta == 0 else f"implicit with beta {analysis.beta:g}")
+    parts += ["gravity"] if scene.gravity is not None else []
+    return parts
+
+
+def _counted(shapes: Sequence[str], one: str, many: str) -> str:
+    return f"{one} {shapes[0]}" if len(shapes) == 1 else f"{len(shapes)} {many}"

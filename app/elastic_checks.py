@@ -10,12 +10,11 @@ from pydantic import ValidationError
 
 from .errors import InputError, suggestion
 from .material_scene import Material, merged
+from .scene_common import Where, expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .elastic_scene import ElasticScene
-
-Where = tuple[str | int, ...]
 
 
 def cross_checks(scene: ElasticScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
@@ -191,21 +190,10 @@ def _boundaries(scene: ElasticScene, known: tuple[str, ...]) -> Iterator[Problem
 
 
 def _petsc_names(scene: ElasticScene) -> Iterator[Problem]:
-    for key in scene.petsc:
-        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", key):
-            hint = "without the dash" if key.startswith("-") else "with letters, digits and _ only"
-            yield ("petsc", key), f"the name of a PETSc option is written {hint}"
+    yield from petsc_names(scene.petsc)
 
 
 def _expectations(scene: ElasticScene) -> Iterator[Problem]:
     from .elastic_scene import DIAGNOSTICS
 
-    known = (*DIAGNOSTICS, "status", "steps")
-    for name, expected in scene.expect.items():
-        if name not in known:
-            yield ("expect", name), "unknown diagnostic; " + suggestion(name, known)
-        elif isinstance(expected.value, str) != (name == "status"):
-            accepted = 'text, as "finished"' if name == "status" else "a number, not text"
-            yield ("expect", name), f"must be {accepted}"
-        elif name == "status" and expected.value not in ("finished", "stopped", "failed"):
-            yield ("expect", name), 'must be "finished", "stopped" or "failed"'
+    yield from expectations(scene.expect, DIAGNOSTICS)

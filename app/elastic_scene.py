@@ -6,23 +6,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, PrivateAttr
+from pydantic import ConfigDict, Field
 
 from .conditions_scene import Axis, Fixed, Gravity, Motion, Pressure, Traction
 from .errors import suggestion
 from .material_scene import Material, MaterialKeys, merged
+from .scene_common import Expected, PetscValue, Scene, Where
 from .scene_fields import (
     Boolean,
     FieldVector,
     Integer,
     NotNegative,
     Number,
-    NumberOrText,
     Positive,
     Problem,
     Table,
     Text,
-    wrong,
 )
 
 CELL_FIELDS = ("J", "smallest_stretch", "von_mises", "energy_density", "inverted", "region")
@@ -223,42 +222,7 @@ class OutputSettings(Table):
     summary: Boolean = Field(True, description="draw summary.png at the end")
 
 
-class Expectation(Table):
-    """One entry of [expect]: what a diagnostic must be at the end."""
-
-    value: NumberOrText | None = Field(None, description='expected value, for status a text as "finished"')
-    tolerance: NotNegative | None = Field(
-        None, description="accepted difference from value; default 1e-6 |value|"
-    )
-    below: Number | None = Field(None, description="the diagnostic must be below this")
-    above: Number | None = Field(None, description="the diagnostic must be above this")
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield an expectation without meaning."""
-        if self.value is None and self.below is None and self.above is None:
-            yield (), "must be a number, or say value, below or above, as { below = 1e-6 }"
-        elif isinstance(self.value, str) and (self.below, self.above, self.tolerance) != (None, None, None):
-            yield ("value",), "must be a number where below, above or tolerance is given"
-        elif self.tolerance is not None and self.value is None:
-            yield ("tolerance",), "needs a value"
-
-
-def _expectation(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise wrong("must be a number, or say value, below or above, as { below = 1e-6 }")
-    return {"value": value} if isinstance(value, int | float | str) else value
-
-
-def _petsc_value(value: Any) -> Any:
-    if not isinstance(value, bool | int | float | str):
-        raise wrong("must be text, a number, true or false")
-    return value
-
-
-PetscValue = Annotated[Any, BeforeValidator(_petsc_value)]
-
-
-class ElasticScene(Table):
+class ElasticScene(Scene):
     """A scene for `extremal elastic`."""
 
     title: Text = Field("", description="what the scene shows, in a line")
@@ -279,25 +243,21 @@ class ElasticScene(Table):
     solver: SolverSettings = Field(default_factory=SolverSettings, description="solver")
     petsc: dict[str, PetscValue] = Field(default_factory=dict, description="PETSc options, without the dash")
     output: OutputSettings = Field(default_factory=OutputSettings, description="output")
-    expect: dict[str, Annotated[Expectation, BeforeValidator(_expectation)]] = Field(
+    expect: dict[str, Expected] = Field(
         default_factory=dict, description="what the final diagnostics must be"
     )
-
-    _path: Path | None = PrivateAttr(default=None)
-    # What the file says, word for word, for messages.
-    _source: dict[str, Any] = PrivateAttr(default_factory=dict)
-
-    @property
-    def path(self) -> Path | None:
-        """The file the scene was read from."""
-        return self._path
 
     @property
     def mesh_file(self) -> Path | None:
         """The mesh file, found from the scene's folder."""
         if self.mesh.file is None:
             return None
-        return (self._path.parent if self._path is not None else Path()) / self.mesh.file
+        return self.beside(self.mesh.file)
+
+    def files(self) -> Iterator[tuple[Where, Path]]:
+        """Yield the mesh file, if there is one."""
+        if self.mesh_file is not None:
+            yield ("mesh", "file"), self.mesh_file
 
     @property
     def dimension(self) -> int | None:

@@ -3,31 +3,69 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from .elastic_checks import cross_checks
+from . import elastic_checks, snow_checks
 from .elastic_scene import ElasticScene
-from .errors import InputError
+from .errors import InputError, suggestion
 from .parallel import on_root
-from .scene_errors import problem_line, problems_of
+from .scene_common import Scene
+from .scene_errors import problem_line, problems_of, toml
+from .scene_fields import Problem
+from .snow_scene import SnowScene
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 LARGEST_FILE = 10_000_000  # bytes; a scene is written by hand
 
-# What stands in for a required table with errors, so that the other tables can be checked all the same.
-STAND_INS: dict[str, dict[str, Any]] = {
-    "mesh": {"file": "mesh.msh"},
-    "material": {"young_modulus": 1.0, "poisson_ratio": 0.3, "density": 1.0},
+
+@dataclass(frozen=True)
+class Part:
+    """What validates the scenes of a part of the application.
+
+    Attributes
+    ----------
+    model : type of Scene
+        Its tables.
+    cross_checks : callable
+        (scene, names of tables with errors) -> problems between the tables.
+    stand_ins : dict
+        What stands in for a required table with errors, so that the other tables can be checked all the same.
+    """
+
+    model: type[Scene]
+    cross_checks: Callable[..., Iterator[Problem]]
+    stand_ins: dict[str, Any]
+
+
+PARTS = {
+    "elastic": Part(
+        ElasticScene,
+        elastic_checks.cross_checks,
+        {
+            "mesh": {"file": "mesh.msh"},
+            "material": {"young_modulus": 1.0, "poisson_ratio": 0.3, "density": 1.0},
+        },
+    ),
+    "snow": Part(
+        SnowScene,
+        snow_checks.cross_checks,
+        {
+            "grid": {"cell_size": 1.0},
+            "body": [{"shape": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0}],
+            "analysis": {"end_time": 1.0},
+        },
+    ),
 }
 
 
-def load_scene(path: str | Path, comm: MPI.Comm) -> ElasticScene:
+def load_scene(path: str | Path, comm: MPI.Comm) -> Any:
     """Read and validate a scene file on rank 0 and return it on all ranks (collective).
 
     Raises
@@ -38,8 +76,8 @@ def load_scene(path: str | Path, comm: MPI.Comm) -> ElasticScene:
     return on_root(comm, lambda: read_scene(path))
 
 
-def read_scene(path: str | Path) -> ElasticScene:
-    """Read and validate a scene file (not collective).
+def read_scene(path: str | Path) -> Any:
+    """Read and validate a scene file (not collective); `part` says of which kind, elastic where it is silent.
 
     Raises
     ------
@@ -49,11 +87,13 @@ def read_scene(path: str | Path) -> ElasticScene:
     path = Path(path)
     scene = validate(read_toml(path), str(path))
     scene._path = path
-    if scene.mesh_file is not None and not scene.mesh_file.is_file():
-        where = ("mesh", "file")
-        raise InputError(
-            problem_line(str(path), scene._source, where, f"no such file: {scene.mesh_file.resolve()}")
-        )
+    missing = [
+        problem_line(str(path), scene._source, where, f"no such file: {file.resolve()}")
+        for where, file in scene.files()
+        if not file.is_file()
+    ]
+    if missing:
+        raise InputError(*missing)
     return scene
 
 
@@ -85,7 +125,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: is nested too deeply for a scene") from None
 
 
-def validate(data: Mapping[str, Any], name: str = "scene") -> ElasticScene:
+def validate(data: Mapping[str, Any], name: str = "scene") -> Any:
     """Return the scene that `data` describes.
 
     Parameters
@@ -95,17 +135,26 @@ def validate(data: Mapping[str, Any], name: str = "scene") -> ElasticScene:
     name : str
         The file's name, for messages.
 
+    Returns
+    -------
+    ElasticScene or SnowScene
+
     Raises
     ------
     InputError
         With a line for each thing wrong in and between the tables.
     """
+    wanted = data.get("part", "elastic")
+    if not isinstance(wanted, str) or wanted not in PARTS:
+        hint = suggestion(wanted, PARTS) if isinstance(wanted, str) else f"known: {', '.join(PARTS)}"
+        raise InputError(f"{name}: part = {toml(wanted)}: unknown part; {hint}")
+    part = PARTS[wanted]
     try:
-        scene = ElasticScene.model_validate(data)
-        found = list(cross_checks(scene))
+        scene = part.model.model_validate(data)
+        found = list(part.cross_checks(scene))
     except ValidationError as error:
-        found = list(problems_of(error, ElasticScene))
-        found += _checks_of_the_rest(data, {str(where[0]) for where, _ in found if where})
+        found = list(problems_of(error, part.model))
+        found += _checks_of_the_rest(data, part, {str(where[0]) for where, _ in found if where})
     else:
         scene._source = dict(data)
     if found:
@@ -113,13 +162,12 @@ def validate(data: Mapping[str, Any], name: str = "scene") -> ElasticScene:
     return scene
 
 
-def _checks_of_the_rest(data: Mapping[str, Any], wrong: set[str]) -> list[Any]:
+def _checks_of_the_rest(data: Mapping[str, Any], part: Part, wrong: set[str]) -> list[Problem]:
     """Return what is wrong between the tables that are right by themselves."""
     rest = {key: value for key, value in data.items() if key not in wrong}
+    instead = {key: table for key, table in part.stand_ins.items() if key in wrong}
     try:
-        scene = ElasticScene.model_validate(
-            {**{key: STAND_INS[key] for key in STAND_INS if key in wrong}, **rest}
-        )
+        scene = part.model.model_validate({**instead, **rest})
     except ValidationError:
         return []
-    return list(cross_checks(scene, missing=wrong))
+    return list(part.cross_checks(scene, missing=wrong))

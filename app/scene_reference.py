@@ -12,14 +12,30 @@ from pydantic_core import PydanticUndefined
 
 from .elastic_scene import ElasticScene
 from .expression import CONSTANTS, FUNCTIONS
+from .snow_scene import SnowScene
+from .snow_shapes import Keys, Shape
 
-INTRODUCTION = """# Scene files of `extremal elastic`
+INTRODUCTION = """# Scene files
 
 Written by `python -m extremal.app.scene_reference > docs/scenes.md` from the models that validate scenes.
 
-A scene is a TOML file. `extremal check SCENE...` lists everything wrong in it; `extremal elastic SCENE` runs
-it. Only `[mesh]` and `[material]` are needed; an absent table means: no such effect, at no cost. Unknown keys
-are errors. Units are SI throughout. Where the table says nothing of a default, the effect or key is absent.
+A scene is a TOML file. `part` says which command runs it: [`extremal elastic SCENE`](#extremal-elastic) (also where
+`part` is absent) or [`extremal snow SCENE`](#extremal-snow). `extremal check SCENE...` lists everything wrong in scenes
+of either. An absent table means: no such effect, at no cost. Unknown keys are errors. Units are SI throughout. Where
+a table below says nothing of a default, the effect or key is absent.
+
+## Expressions
+
+Where a number may be an expression, write it in quotes: arithmetic `+ - * / **`, comparisons
+`< <= > >= == !=`, `and`, `or`, `not`, the constants {constants} and the functions
+{functions}.
+`where(condition, a, b)` chooses, `log` is the natural logarithm. Nothing is executed as Python, and powers
+are at most 64. Positions x, y, z are those of the reference body [m]; in the plane z is 0.
+"""
+
+ELASTIC = """# extremal elastic
+
+Only `[mesh]` and `[material]` are needed.
 
 ```toml
 title = "a cube, stretched"
@@ -38,29 +54,48 @@ displacement = ["0.5*t", 0, 0]     # m
 status = "finished"
 inverted = 0
 ```
+"""
 
-## Expressions
+SNOW = """# extremal snow
 
-Where a number may be an expression, write it in quotes: arithmetic `+ - * / **`, comparisons
-`< <= > >= == !=`, `and`, `or`, `not`, the constants {constants} and the functions
-{functions}.
-`where(condition, a, b)` chooses, `log` is the natural logarithm. Nothing is executed as Python, and powers
-are at most 64. Positions x, y, z are those of the reference body [m]; in the plane z is 0.
+Only `part`, `[grid]`, one `[[body]]` and `[analysis]` are needed.
+
+```toml
+title = "a snowball, dropped"
+part = "snow"
+[grid]
+cell_size = 0.02                   # m
+[[body]]
+shape = "sphere"
+center = [0, 0, 0.5]               # m
+radius = 0.2                       # m
+[[collider]]
+shape = "half_space"
+point = [0, 0, 0]                  # m
+normal = [0, 0, 1]
+friction = 0.5
+[gravity]
+acceleration = [0, 0, -9.81]       # m/s2
+[analysis]
+end_time = 1.0                     # s
+[expect]
+status = "finished"
+```
 """
 
 NOTES = {
-    "mesh": "A shape's own parameters (`size`, `radius`, `dimension` ...) stand beside these; "
+    "elastic.mesh": "A shape's own parameters (`size`, `radius`, `dimension` ...) stand beside these; "
     "`extremal mesh SHAPE --help` lists them.",
-    "regions": "Any subset of the keys of `[material]`, which it overrides in that region of the mesh. A "
+    "elastic.regions": "Any subset of the keys of `[material]`, which it overrides in that region of the mesh. A "
     "region with another law, extension or pair of moduli does not inherit what belonged to the old one.",
-    "material": "Give `young_modulus` and `poisson_ratio`, or `shear_modulus` and `lame_lambda`. `density` "
+    "elastic.material": "Give `young_modulus` and `poisson_ratio`, or `shear_modulus` and `lame_lambda`. `density` "
     "has no default: dynamics and gravity ask for it. A custom energy may use `mu` and `lam` if moduli are "
     "given.",
-    "petsc": 'Any PETSc option as `name = value`, for example `elastic_ksp_type = "cg"`. The command line '
+    "petsc": "Any PETSc option as `name = value`, for example `{part}_ksp_rtol = 1e-4`. The command line "
     "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
     "expect": "`name = number`, or a table with these keys, over the final diagnostics, `status` and "
     "`steps`.",
-    "continuation": "Stages are an addition of this program to the method it implements.",
+    "elastic.continuation": "Stages are an addition of this program to the method it implements.",
 }
 
 
@@ -70,18 +105,35 @@ def markdown() -> str:
         constants=", ".join(f"`{name}`" for name in CONSTANTS),
         functions=textwrap.fill(", ".join(f"`{name}`" for name in FUNCTIONS), 105),
     )
-    parts = [introduction, "## Top level\n", _table(ElasticScene, plain_only=True)]
-    for name, field in ElasticScene.model_fields.items():
+    parts = [introduction, ELASTIC, *_tables(ElasticScene, "elastic"), SNOW, *_tables(SnowScene, "snow")]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _tables(scene: type[BaseModel], part: str) -> Iterator[str]:
+    yield "## Top level\n"
+    yield _table(scene, plain_only=True)
+    for name, field in scene.model_fields.items():
         model = _model(field.annotation)
         if model is None and name != "petsc":
             continue
-        parts += [f"## {_heading(name, field)}\n", _sentence(str(field.description))]
-        if name in NOTES:
-            parts.append(NOTES[name] + "\n")
+        yield f"## {_heading(name, field)}\n"
+        yield _sentence(str(field.description))
+        note = NOTES.get(f"{part}.{name}", NOTES.get(name))
+        if note is not None:
+            yield note.format(part=part) + "\n"
+        if model is not None and issubclass(model, Shape):
+            yield _shapes(model.KEYS)
         if model is not None and name != "regions":
-            parts.append(_table(model))
-            parts += _inner(name, model)
-    return "\n".join(parts).rstrip() + "\n"
+            yield _table(model)
+            yield from _inner(name, model)
+
+
+def _shapes(shapes: Keys) -> str:
+    rows = ["| shape | needs | may have |", "|---|---|---|"]
+    for shape, keys in shapes.items():
+        needed, optional = (", ".join(f"`{key}`" for key in some) for some in keys)
+        rows.append(f"| `\"{shape}\"` | {needed} | {optional} |")
+    return "\n".join(rows) + "\n"
 
 
 def _inner(name: str, model: type[BaseModel]) -> Iterator[str]:
@@ -89,6 +141,7 @@ def _inner(name: str, model: type[BaseModel]) -> Iterator[str]:
         below = _model(field.annotation)
         if below is not None:
             yield f"### {key} of [[{name}]]\n"
+            yield _sentence(str(field.description))
             yield _table(below)
 
 

@@ -16,8 +16,9 @@ from mpi4py import MPI
 from pydantic import BaseModel, Field
 
 from extremal.app import session
-from extremal.app.elastic_scene import Analysis, Expectation, OutputSettings
+from extremal.app.elastic_scene import Analysis, OutputSettings
 from extremal.app.parallel import run_on_all
+from extremal.app.scene_common import Expectation
 
 
 def box_of_tetrahedra(n: int, dimension: int = 3) -> tuple[np.ndarray, np.ndarray, str]:

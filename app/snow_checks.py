@@ -1,0 +1,109 @@
+"""Checks between the tables of a snow scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from .scene_common import Where, expectations, petsc_names
+from .scene_fields import Problem
+
+if TYPE_CHECKING:
+    from .snow_scene import SnowScene
+
+VECTORS = ("low", "high", "center", "translation", "point", "normal", "apex", "velocity")
+PLANE = "does not exist in the plane ([grid] dimension = 2)"
+LENGTH_WANTED = "is missing; in space a wedge has a length along its edge [m]"
+SPACE_ONLY = ("cylinder", "text", "surface")
+
+
+def cross_checks(scene: SnowScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
+    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
+
+    Parameters
+    ----------
+    scene : SnowScene
+    missing : iterable of str
+        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
+    """
+    absent = set(missing)
+    groups: tuple[tuple[set[str], Callable[[SnowScene], Iterator[Problem]]], ...] = (
+        ({"material", "body"}, _materials),
+        ({"grid", "body"}, _sizes),
+        ({"grid"}, _plane_or_space),
+        ({"analysis", "output"}, _frames),
+        ({"grid", "output"}, _volumes),
+        (set(), lambda scene: petsc_names(scene.petsc)),
+        (set(), _expectations),
+    )
+    for tables, check in groups:
+        if not tables & absent:
+            yield from (problem for problem in check(scene) if problem[0][0] not in absent)
+
+
+def _materials(scene: SnowScene) -> Iterator[Problem]:
+    for i, body in enumerate(scene.body):
+        try:
+            scene.material_of(body)
+        except ValidationError as error:
+            for detail in error.errors():
+                for where, message in detail.get("ctx", {}).get("found", [((), detail["msg"])]):
+                    yield ("body", i, "material", *where), message + " (with what [material] gives)"
+
+
+def _sizes(scene: SnowScene) -> Iterator[Problem]:
+    h = scene.cell_size
+    for i, body in enumerate(scene.body):
+        if body.shell is not None and body.shell.thickness < h:
+            yield ("body", i, "shell", "thickness"), f"must not be below a cell of the grid, {h:g} m"
+        if body.noise is not None and body.noise.size < h:
+            yield ("body", i, "noise", "size"), f"must not be below a cell of the grid, {h:g} m"
+
+
+def _plane_or_space(scene: SnowScene) -> Iterator[Problem]:
+    d = scene.dimension
+    vectors: list[tuple[Where, tuple[Any, ...] | None]] = []
+    turns: list[tuple[Where, Any]] = []
+    for table in ("body", "collider"):
+        for i, entry in enumerate(getattr(scene, table)):
+            vectors += [((table, i, key), getattr(entry, key, None)) for key in VECTORS]
+            turns += [((table, i, key), getattr(entry, key, None)) for key in ("rotation", "spin")]
+            for k, frame in enumerate(getattr(entry, "keyframes", None) or ()):
+                place: Where = (table, i, "keyframes", k)
+                vectors += [((*place, key), getattr(frame, key)) for key in ("translation", "center")]
+                turns.append(((*place, "rotation"), frame.rotation))
+            if d == 2 and entry.shape in SPACE_ONLY:
+                yield (table, i, "shape"), PLANE
+            elif entry.shape == "wedge" and (entry.length is None) == (d == 3):
+                yield (table, i, "length"), LENGTH_WANTED if d == 3 else PLANE
+    if scene.gravity is not None:
+        vectors.append((("gravity", "acceleration"), scene.gravity.acceleration))
+    for where, value in vectors:
+        if value is not None and len(value) != d:
+            yield where, f"must have {d} components: the grid is {d}-dimensional"
+    for where, value in turns:
+        if value is None or (d == 3 and isinstance(value, tuple)):
+            continue
+        if d == 2 and (isinstance(value, float) or value[:2] == (0, 0)):
+            continue
+        accepted = "a vector of 3 entries" if d == 3 else "one number, or [0, 0, number]"
+        yield where, f"must be {accepted}: the grid is {d}-dimensional"
+
+
+def _frames(scene: SnowScene) -> Iterator[Problem]:
+    end = scene.analysis.end_time
+    if scene.output.every is not None and scene.output.every > end:
+        yield ("output", "every"), f"must not be above [analysis] end_time = {end:g}"
+
+
+def _volumes(scene: SnowScene) -> Iterator[Problem]:
+    if scene.output.vdb and scene.dimension == 2:
+        yield ("output", "vdb"), "needs [grid] dimension = 3: OpenVDB holds volumes"
+
+
+def _expectations(scene: SnowScene) -> Iterator[Problem]:
+    from .snow_scene import DIAGNOSTICS
+
+    yield from expectations(scene.expect, DIAGNOSTICS)
