@@ -7,9 +7,28 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import BodyError, Box, Cylinder, HalfSpace, Region, Sphere, Wedge, positive
+from .geometry import BodyError, positive
+from .hashing import hash_bits, hash_uniform
+from .height_field import HeightField
+from .noise import noise, shell_profile
+from .shapes import Box, Cylinder, Region, Sphere, Wedge
+from .surfaces import SurfaceMesh
+from .text import Text
 
-__all__ = ["BodyError", "Box", "Cylinder", "HalfSpace", "Region", "Sphere", "Wedge", "hash_uniform", "seed"]
+__all__ = [
+    "BodyError",
+    "Box",
+    "Cylinder",
+    "HeightField",
+    "Region",
+    "Sphere",
+    "SurfaceMesh",
+    "Text",
+    "Wedge",
+    "noise",
+    "seed",
+    "shell_profile",
+]
 
 AT_ONCE = 1 << 16  # cells per pass: what a pass needs stays below about 100 MB
 
@@ -69,7 +88,7 @@ def _points(cells: NDArray, h: float, per_cell: int, seed: int) -> NDArray:
     while k**dim < per_cell:
         k += 1
     parts = np.array(list(product(range(k), repeat=dim)), dtype=float)
-    keys = _hash(np.uint64(seed % 2**64), *cells.T)[:, None]
+    keys = hash_bits(seed % 2**63, *cells.T)[:, None]
     if len(parts) > per_cell:
         order = hash_uniform(keys, np.arange(len(parts)), 0).argsort(axis=1, kind="stable")
         corners = parts[np.sort(order[:, :per_cell], axis=1)]
@@ -77,25 +96,3 @@ def _points(cells: NDArray, h: float, per_cell: int, seed: int) -> NDArray:
         corners = np.broadcast_to(parts, (m, *parts.shape))
     jitter = np.stack([hash_uniform(keys, np.arange(per_cell), 1 + axis) for axis in range(dim)], axis=2)
     return (h * (cells[:, None, :] + (corners + jitter) / k)).reshape(-1, dim)
-
-
-def hash_uniform(*numbers: int | NDArray) -> NDArray:
-    """A number in [0, 1) for each tuple of whole numbers (broadcast), as good as random."""
-    return (_hash(*numbers) >> np.uint64(11)) * 2.0**-53
-
-
-def _hash(*numbers: int | NDArray) -> NDArray:
-    """64 bits from each tuple of whole numbers: splitmix64's finaliser, chained.
-
-    NumPy's generators are streams; here each cell needs its own, whatever cells came before.
-    """
-    state = np.uint64(0)
-    with np.errstate(over="ignore"):
-        for number in numbers:
-            word = np.asarray(number)
-            word = word if word.dtype == np.uint64 else word.astype(np.int64).view(np.uint64)
-            state = (np.atleast_1d(state) ^ word) + np.uint64(0x9E3779B97F4A7C15)
-            state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            state = state ^ (state >> np.uint64(31))
-    return np.asarray(state)

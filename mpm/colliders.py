@@ -10,8 +10,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .geometry import BodyError, length
 from .motion import Placement, RigidMotion
-from .shapes import BodyError, Shape, length
+from .shapes import Shape
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,9 @@ class Contact:
     def __post_init__(self) -> None:
         if not (self.friction >= 0 and np.isfinite(self.friction)):
             raise BodyError(f"collider: friction must be a finite number, 0 or above, got {self.friction}")
+
+
+FREE = Contact()
 
 
 class Collider(Protocol):
@@ -68,7 +72,7 @@ class Rigid:
     """
 
     shape: Shape
-    contact: Contact = Contact()
+    contact: Contact = FREE
     motion: RigidMotion | None = None
 
     def bounds(self, t: float) -> tuple[NDArray, NDArray]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .shapes import BodyError
+from .geometry import BodyError
 
 
 @dataclass(frozen=True)

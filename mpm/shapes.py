@@ -5,16 +5,25 @@ Every shape serves twice: as the region a body fills and as an obstacle, whose m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-
-class BodyError(ValueError):
-    """A body, shape or collider that cannot be; the message names the value and what would be accepted."""
+from .geometry import (
+    BodyError,
+    as_text,
+    convex_polygon,
+    directed,
+    fill,
+    intersection,
+    intersection_gradient,
+    length,
+    positive,
+    unit,
+    vector,
+)
 
 
 class Region(Protocol):
@@ -58,8 +67,8 @@ class HalfSpace(Solid):
 
     def __init__(self, point: ArrayLike, normal: ArrayLike) -> None:
         direction = vector("half_space", "normal", normal)
-        _set(self, point=vector("half_space", "point", point, len(direction)))
-        _set(self, direction=unit("half_space", "normal", direction))
+        fill(self, point=vector("half_space", "point", point, len(direction)))
+        fill(self, direction=unit("half_space", "normal", direction))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         """Infinite, except where the plane is perpendicular to an axis."""
@@ -85,7 +94,7 @@ class Sphere(Solid):
     radius: float
 
     def __init__(self, center: ArrayLike, radius: float) -> None:
-        _set(self, center=vector("sphere", "center", center), radius=positive("sphere", "radius", radius))
+        fill(self, center=vector("sphere", "center", center), radius=positive("sphere", "radius", radius))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         return self.center - self.radius, self.center + self.radius
@@ -105,11 +114,11 @@ class Box(Solid):
     high: NDArray
 
     def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
-        _set(self, low=vector("box", "low", low))
-        _set(self, high=vector("box", "high", high, len(self.low)))
+        fill(self, low=vector("box", "low", low))
+        fill(self, high=vector("box", "high", high, len(self.low)))
         if not (self.high > self.low).all():
             raise BodyError(
-                f"box: high must be above low in every component, got {_text(self.low)}, {_text(self.high)}"
+                f"box: high must be above low in every component, got {as_text(self.low)}, {as_text(self.high)}"
             )
 
     def bounds(self) -> tuple[NDArray, NDArray]:
@@ -136,9 +145,9 @@ class Cylinder(Solid):
     axis: NDArray
 
     def __init__(self, center: ArrayLike, radius: float, length: float, axis: ArrayLike = (0, 0, 1)) -> None:
-        _set(self, center=vector("cylinder", "center", center, 3), radius=positive("cylinder", "radius", radius))
-        _set(self, length=positive("cylinder", "length", length))
-        _set(self, axis=unit("cylinder", "axis", vector("cylinder", "axis", axis, 3)))
+        fill(self, center=vector("cylinder", "center", center, 3), radius=positive("cylinder", "radius", radius))
+        fill(self, length=positive("cylinder", "length", length))
+        fill(self, axis=unit("cylinder", "axis", vector("cylinder", "axis", axis, 3)))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         across = np.sqrt(np.maximum(0.0, 1 - self.axis**2))
@@ -206,8 +215,8 @@ class Wedge(Solid):
             along = unit("wedge", "edge", along - (along @ upward) * upward)
             frame = np.array([np.cross(along, upward), upward, along])
         w, h = positive("wedge", "width", width), positive("wedge", "height", height)
-        _set(self, apex=place, frame=frame, length=0.0 if dim == 2 else positive("wedge", "length", length or 0.0))
-        _set(self, corners=np.array([[0.0, 0.0], [-w / 2, -h], [w / 2, -h]]))
+        fill(self, apex=place, frame=frame, length=0.0 if dim == 2 else positive("wedge", "length", length or 0.0))
+        fill(self, corners=np.array([[0.0, 0.0], [-w / 2, -h], [w / 2, -h]]))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         points = self.corners @ self.frame[:2] + self.apex
@@ -230,103 +239,3 @@ class Wedge(Solid):
     def _parts(self, local: NDArray, phi: NDArray) -> NDArray:
         ends = np.abs(local[:, 2:]) - self.length / 2
         return np.concatenate([phi[:, None], ends], axis=1)
-
-
-def intersection(q: NDArray) -> NDArray:
-    """φ (n,) of the intersection of k solids with distances q (n, k) and mutually orthogonal gradients.
-
-    φ = |max(q, 0)| + min(max_k q, 0): exact where each q is.
-    """
-    return length(np.maximum(q, 0.0)) + np.minimum(q.max(axis=1), 0.0)
-
-
-def intersection_gradient(q: NDArray, gradients: NDArray) -> NDArray:
-    """∇φ (n, D) of `intersection`, from the gradients (n, k, D) of q (n, k)."""
-    outside = np.maximum(q, 0.0)
-    size = length(outside)
-    nearest = np.zeros_like(q)
-    nearest[np.arange(len(q)), q.argmax(axis=1)] = 1.0
-    weights = np.where(size[:, None] > 0, outside / np.where(size > 0, size, 1.0)[:, None], nearest)
-    return np.einsum("nk,nkd->nd", weights, gradients)
-
-
-def convex_polygon(corners: NDArray, x: NDArray) -> tuple[NDArray, NDArray]:
-    """φ (n,) and ∇φ (n, 2) at x (n, 2) of the polygon with `corners` (m, 2), counterclockwise."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1) / length(edges)[:, None]
-    arms = x[:, None, :] - corners
-    side = np.einsum("nmd,md->nm", arms, outward)
-    fraction = np.clip(np.einsum("nmd,md->nm", arms, edges) / np.einsum("md,md->m", edges, edges), 0.0, 1.0)
-    to_edge = arms - fraction[:, :, None] * edges
-    apart = length(to_edge)
-    rows, facing = np.arange(len(x)), side.argmax(axis=1)
-    closest = apart.argmin(axis=1)
-    inside = (side[rows, facing] <= 0) | (apart[rows, closest] == 0)  # rounding may put an edge's own points outside
-    phi = np.where(inside, np.minimum(side[rows, facing], 0.0), apart[rows, closest])
-    away = to_edge[rows, closest] / np.where(inside, 1.0, phi)[:, None]
-    return phi, np.where(inside[:, None], outward[facing], away)
-
-
-def length(x: NDArray) -> NDArray:
-    """Euclidean length over the last axis."""
-    return np.sqrt(np.einsum("...i,...i->...", x, x))
-
-
-def directed(x: NDArray, otherwise: NDArray) -> NDArray:
-    """x (n, D) scaled to unit length; `otherwise` (D,) where x is zero."""
-    size = length(x)
-    return np.where(size[:, None] > 0, x / np.where(size > 0, size, 1.0)[:, None], otherwise)
-
-
-def vector(shape: str, key: str, value: ArrayLike, dimension: int | None = None) -> NDArray:
-    """A finite vector of 2 or 3 numbers, or of `dimension` numbers.
-
-    Raises
-    ------
-    BodyError
-        Naming shape and key.
-    """
-    try:
-        out = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        out = np.array(np.nan)
-    if out.ndim != 1 or len(out) not in ((2, 3) if dimension is None else (dimension,)) or not np.isfinite(out).all():
-        raise BodyError(f"{shape}: {key} must be {dimension or '2 or 3'} finite numbers, got {value}")
-    return out
-
-
-def unit(shape: str, key: str, value: NDArray) -> NDArray:
-    """`value` scaled to unit length; exact along an axis.
-
-    Raises
-    ------
-    BodyError
-        If it is zero.
-    """
-    size = float(length(value))
-    if size == 0:
-        raise BodyError(f"{shape}: {key} must not be zero (nor, for an edge, parallel to up), got {_text(value)}")
-    return value / size
-
-
-def positive(shape: str, key: str, value: float) -> float:
-    """A finite number above zero.
-
-    Raises
-    ------
-    BodyError
-        Naming shape and key.
-    """
-    if not (np.isscalar(value) and np.isfinite(value) and value > 0):
-        raise BodyError(f"{shape}: {key} must be a finite number above 0, got {value}")
-    return float(value)
-
-
-def _set(shape: object, **values: object) -> None:
-    """Fields of a frozen dataclass whose arguments are first made into arrays."""
-    for key, value in values.items():
-        object.__setattr__(shape, key, value)
-
-
-def _text(values: Sequence[float] | NDArray) -> str:
-    return "[" + ", ".join(f"{value:g}" for value in values) + "]"
