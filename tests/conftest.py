@@ -77,6 +77,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         raise pytest.UsageError("the ranks collected different tests: parameters must not depend on the rank")
 
 
+def _petsc_options() -> set[str]:
+    """Names in PETSc's options database, which all tests of a process share."""
+    petsc = sys.modules.get("petsc4py.PETSc")
+    if petsc is None:
+        return set()
+    return set(petsc.Options().getAll())
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Limit the time of one test; in parallel keep the ranks together and collect garbage on all at once.
@@ -92,8 +100,11 @@ def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object
         )
     if _parallel:
         gc.disable()
+    options = _petsc_options()
     try:
         result = yield
+        for name in _petsc_options() - options:  # they would configure the next test's solvers
+            sys.modules["petsc4py.PETSc"].Options().delValue(name)
         if _parallel:
             gc.collect()
             _world.barrier()
@@ -132,9 +143,7 @@ def launch() -> Callable[..., subprocess.CompletedProcess[str]]:
     `os.environ` has none.
     """
 
-    def run(
-        ranks: int, *arguments: object, timeout: float = 240, **options: Any
-    ) -> subprocess.CompletedProcess[str]:
+    def run(ranks: int, *arguments: object, timeout: float = 240, **options: Any) -> subprocess.CompletedProcess[str]:
         mpirun = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks else []
         command = [*mpirun, sys.executable, *map(str, arguments)]
         options = {"env": dict(os.environ), "stdin": subprocess.DEVNULL, **options}
