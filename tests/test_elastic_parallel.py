@@ -13,9 +13,7 @@ from extremal.forms import Prescribed, Stage
 pytestmark = pytest.mark.mpi
 
 HELD = [Prescribed(boundary=("left",))]
-LOADS = [
-    (("right",), lambda x, t: np.column_stack([0.02 * t + 0 * x[:, 0], 0.03 * t * x[:, 1], 0.0 * x[:, 0]]))
-]
+LOADS = [(("right",), lambda x, t: np.column_stack([0.02 * t + 0 * x[:, 0], 0.03 * t * x[:, 1], 0.0 * x[:, 0]]))]
 RELEASED = {"tolerance": 1e-11}
 
 
@@ -34,9 +32,7 @@ def scattered(comm):
 
 
 def loaded_bar(comm):
-    body = problem(
-        on(comm, "bar", cell_size=0.5), prescribed=HELD, tractions=LOADS, gravity=[0, 0, -0.005], **RELEASED
-    )
+    body = problem(on(comm, "bar", cell_size=0.5), prescribed=HELD, tractions=LOADS, gravity=[0, 0, -0.005], **RELEASED)
     for _ in range(2):
         body.advance(0.5)
     return body
@@ -160,27 +156,32 @@ def test_a_restart_on_another_number_of_ranks_goes_on_to_the_same_answer(comm, i
         assert resumed.diagnostics()["energy"] == pytest.approx(whole.diagnostics()["energy"], abs=1e-8)
 
 
-def test_a_restart_on_the_same_ranks_repeats_the_run_to_the_last_digits(comm):
-    """50 + 50 = 100 steps: the linear solver starts afresh, all else is the same."""
+def test_a_restart_on_the_same_ranks_repeats_the_run(comm):
+    """50 + 50 = 100 steps. What is restored is the same to the last bit, and so is all that follows on up to two ranks.
+
+    From three ranks on, sums over shared nodes are taken in the order in which messages arrive: two runs that were never
+    stopped differ by up to 6e-10 m here, so no more can be asked of a restarted one.
+    """
 
     def made():
-        body = problem(
+        return problem(
             on(comm, "box", cell_size=0.5, dimension=2),
             prescribed=HELD,
             gravity=[0, -0.3],
             integrator="bdf2",
             tolerance=1e-10,
         )
-        return body
 
-    whole, first, second = made(), made(), made()
-    for _ in range(100):
+    whole, second = made(), made()
+    for _ in range(50):
         whole.advance(0.05)
-    for _ in range(50):
-        first.advance(0.05)
-    second.restore(first.state())
-    second.time = first.time
-    for _ in range(50):
-        second.advance(0.05)
-    assert np.abs(second.motion.u - whole.motion.u).max() <= 1e-14
-    assert np.abs(second.motion.v - whole.motion.v).max() <= 1e-13
+    second.restore(whole.state())
+    second.time = whole.time
+    for name in ("u", "v", "u_old", "v_old", "dt_old"):
+        assert np.array_equal(getattr(second.motion, name), getattr(whole.motion, name)), name
+    for body in (whole, second):
+        for _ in range(50):
+            body.advance(0.05)
+    accuracy = 0.0 if comm.size <= 2 else 1e-8
+    assert np.abs(second.motion.u - whole.motion.u).max(initial=0) <= accuracy
+    assert np.abs(second.motion.v - whole.motion.v).max(initial=0) <= 10 * accuracy
