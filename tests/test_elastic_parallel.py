@@ -159,7 +159,7 @@ def test_a_restart_on_another_number_of_ranks_goes_on_to_the_same_answer(comm, i
 def test_a_restart_on_the_same_ranks_repeats_the_run(comm):
     """50 + 50 = 100 steps. What is restored is the same to the last bit, and so is all that follows on up to two ranks.
 
-    From three ranks on, sums over shared nodes are taken in the order in which messages arrive: two runs that were never
+    From three ranks on, sums over shared nodes are taken in the order in which messages arrive: two runs never
     stopped differ by up to 6e-10 m here, so no more can be asked of a restarted one.
     """
 
