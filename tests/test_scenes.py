@@ -21,7 +21,7 @@ LONG = 10  # [s] said to be needed, above which a scene is not part of `make tes
 # The others would show nothing new on several ranks. The first two leave ranks without an element.
 PARALLEL = {
     "pulled_tetrahedron", "three_triangles", "scattered_cube", "stretched_bar_corotated", "cantilever",
-    "recovery", "twist",
+    "recovery",
 }  # fmt: skip
 
 History = dict[str, np.ndarray]
