@@ -49,9 +49,8 @@ SOLVERS: dict[str, dict[str, object]] = {
     "GAMG": {**_CG, "pc_type": "gamg"},
     "hypre": {**_CG, "pc_type": "hypre", "pc_hypre_boomeramg_strong_threshold": 0.5},
     "Cholesky": {**_CG, "pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"},
-    "LU": {**_CG, "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"},
 }
-MESHES = ((1, 0.1), (1, 0.06), (2, 0.2))  # degree, cell size [m]
+MESHES = ((1, 0.1), (2, 0.2), (1, 0.06))  # degree, cell size [m]
 QUICK = ((1, 0.34), (2, 0.5))
 
 
