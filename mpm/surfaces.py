@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .geometry import BodyError, central_gradient, positive, vector
+from .geometry import BodyError, central_gradient, length, positive, vector
 from .samples import Samples, grid_nodes
 
 WELD = 1e-6  # corners closer than this part of the extent are one: STL repeats them in single precision
@@ -81,12 +81,14 @@ class SurfaceMesh:
         shape, nodes = grid_nodes(low - BAND * h, high + BAND * h, h)
         sign = np.where(self.inside(nodes), -1.0, 1.0)
         kind = self._library.SignedDistanceType.SIGNED_DISTANCE_TYPE_UNSIGNED
-        exact = self._library.signed_distance(nodes, self._points, self._faces, kind, 0.0, BAND * h)[0]
-        size = np.abs(np.asarray(exact)).reshape(shape)
-        size[size > BAND * h] = np.nan
-        # farther away: on from the nearest node of the band
-        way, nearest = distance_transform_edt(np.isnan(size), return_indices=True)
-        return Samples(sign.reshape(shape) * (size[tuple(nearest)] + h * way), low - BAND * h, h)
+        found = self._library.signed_distance(nodes, self._points, self._faces, kind, 0.0, BAND * h)
+        size, closest = np.abs(np.asarray(found[0])).ravel(), np.asarray(found[2]).reshape(-1, 3)
+        # farther away the closest point is taken to be that of the nearest node in the band
+        far = ~(size <= BAND * h)
+        nearest = distance_transform_edt(far.reshape(shape), return_distances=False, return_indices=True)
+        owner = np.ravel_multi_index(tuple(nearest), shape).ravel()[far]
+        size[far] = length(nodes[far] - closest[owner])
+        return Samples((sign * size).reshape(shape), low - BAND * h, h)
 
 
 def _read(path: Path) -> tuple[NDArray, NDArray]:
