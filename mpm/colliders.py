@@ -135,9 +135,9 @@ def collide(colliders: Sequence[Collider], x: NDArray, v: NDArray, t: float) -> 
     hit = np.zeros(len(x), dtype=bool)
     if not len(x) or not colliders:
         return v, hit
-    out, extent = v, (x.min(axis=0), x.max(axis=0))
+    out = v
     for collider in colliders:
-        touching = _touching(collider, x, extent, t)
+        touching = _touching(collider, x, t)
         if not len(touching):
             continue
         points = x[touching]
@@ -169,19 +169,16 @@ def _respond(relative: NDArray, n: NDArray, friction: float) -> tuple[NDArray, N
     return kept[:, None] * v_t, applied
 
 
-def _touching(collider: Collider, x: NDArray, extent: tuple[NDArray, NDArray], t: float) -> NDArray:
-    """Indices of the points with φ <= 0."""
-    low, high = collider.bounds(t)
-    if (extent[1] < low).any() or (extent[0] > high).any():
-        return np.empty(0, dtype=np.intp)
+def _touching(collider: Collider, x: NDArray, t: float) -> NDArray:
+    """Indices of the points with φ <= 0; φ is asked for within the collider's bounds only."""
     near = None  # None: all points
-    for k in range(x.shape[1]):
-        for outside in (extent[0][k] < low[k], extent[1][k] > high[k]):
-            if outside:
-                column = x[:, k] if near is None else x[near, k]
-                within = (column >= low[k]) & (column <= high[k])
-                near = np.flatnonzero(within) if near is None else near[within]
-                break
+    for column, low, high in zip(x.T, *collider.bounds(t)):
+        for limit, within in ((low, np.greater_equal), (high, np.less_equal)):
+            if np.isfinite(limit):
+                kept = np.flatnonzero(within(column if near is None else column[near], limit))
+                near = kept if near is None else near[kept]
+                if not len(near):
+                    return near
     if near is None:
         return np.flatnonzero(collider.distance(x, t) <= 0)
-    return near[collider.distance(x[near], t) <= 0] if len(near) else near
+    return near[collider.distance(x[near], t) <= 0]
