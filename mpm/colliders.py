@@ -75,6 +75,11 @@ class Rigid:
     contact: Contact = FREE
     motion: RigidMotion | None = None
 
+    def __post_init__(self) -> None:
+        dimension = len(self.shape.bounds()[0])
+        if self.motion is not None and self.motion.dimension != dimension:
+            raise BodyError(f"collider: keyframes for {self.motion.dimension}D move a shape in {dimension}D")
+
     def bounds(self, t: float) -> tuple[NDArray, NDArray]:
         """Corners (D,) [m] of a box that encloses the shape at time t [s]."""
         low, high = self.shape.bounds()
@@ -89,14 +94,17 @@ class Rigid:
         return corners.min(axis=0), corners.max(axis=0)
 
     def distance(self, x: NDArray, t: float) -> NDArray:
+        """φ (n,) [m] at points (n, D) [m] at time t [s]."""
         now = self._at(t)
         return self.shape.distance(now.to_body(x) if now else x)
 
     def normal(self, x: NDArray, t: float) -> NDArray:
+        """∇φ (n, D) at points (n, D) [m] at time t [s]."""
         now = self._at(t)
         return self.shape.normal(now.to_body(x)) @ now.rotation.T if now else self.shape.normal(x)
 
     def velocity(self, x: NDArray, t: float) -> NDArray:
+        """v_co (n, D) [m/s] of the body at points (n, D) [m] at time t [s]."""
         now = self._at(t)
         return now.velocity(x) if now else np.zeros_like(x)
 

@@ -104,6 +104,7 @@ class DeformingLevelSet:
         return (1 - part) * before + part * self._phi[k + 1].distance(x + (1 - part) * way)
 
     def normal(self, x: NDArray, t: float) -> NDArray:
+        """∇φ (n, D), by central differences over a cell."""
         step = 0.5 * float(self._phi[0].spacing)
         return central_gradient(lambda y: self.distance(y, t), x, step)
 

@@ -72,6 +72,7 @@ class HeightField:
         return self.distance(x) <= 0
 
     def distance(self, x: NDArray) -> NDArray:
+        """φ (n,) [m] at points (n, D) [m]."""
         flat = x[:, :-1]
         ahead = self._step * np.eye(flat.shape[1])
         slope = np.stack([self._height.at(flat + e) - self._height.at(flat - e) for e in ahead], axis=1)

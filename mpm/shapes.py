@@ -128,6 +128,7 @@ class Box(Solid):
         return intersection(self._slabs(x))
 
     def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, D) at points (n, D) [m]."""
         outward = np.where(x < (self.low + self.high) / 2, -1.0, 1.0)
         return intersection_gradient(self._slabs(x), outward[:, :, None] * np.eye(x.shape[1]))
 
@@ -150,6 +151,7 @@ class Cylinder(Solid):
         fill(self, axis=unit("cylinder", "axis", vector("cylinder", "axis", axis, 3)))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
+        """Corners (3,) [m] of the smallest box that encloses the cylinder."""
         across = np.sqrt(np.maximum(0.0, 1 - self.axis**2))
         half = np.abs(self.axis) * self.length / 2 + self.radius * across
         return self.center - half, self.center + half
@@ -158,6 +160,7 @@ class Cylinder(Solid):
         return intersection(self._parts(x)[0])
 
     def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, 3) at points (n, 3) [m]."""
         q, along, radial = self._parts(x)
         sideways = np.cross(self.axis, np.eye(3)[np.argmin(np.abs(self.axis))])
         round_about = directed(radial, sideways / length(sideways))
@@ -219,15 +222,18 @@ class Wedge(Solid):
         fill(self, corners=np.array([[0.0, 0.0], [-w / 2, -h], [w / 2, -h]]))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
+        """Corners (D,) [m] of a box that encloses the wedge."""
         points = self.corners @ self.frame[:2] + self.apex
         half = np.abs(self.frame[2]) * self.length / 2 if len(self.apex) == 3 else 0.0
         return points.min(axis=0) - half, points.max(axis=0) + half
 
     def distance(self, x: NDArray) -> NDArray:
+        """φ (n,) [m] at points (n, D) [m]."""
         local = (x - self.apex) @ self.frame.T
         return intersection(self._parts(local, convex_polygon(self.corners, local[:, :2])[0]))
 
     def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, D) at points (n, D) [m]."""
         local = (x - self.apex) @ self.frame.T
         phi, flat = convex_polygon(self.corners, local[:, :2])
         gradients = np.zeros((len(x), x.shape[1] - 1, x.shape[1]))

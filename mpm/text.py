@@ -75,6 +75,7 @@ class Text:
         return intersection(self._parts((x - self.center) @ self._frame.T))
 
     def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, D) at points (n, D) [m]."""
         local = (x - self.center) @ self._frame.T
         gradients = np.zeros((len(x), x.shape[1] - 1, x.shape[1]))
         gradients[:, 0, :2] = central_gradient(self._flat.distance, local[:, :2], float(self._flat.spacing))

@@ -164,6 +164,7 @@ def test_a_moving_obstacle_carries_distance_normal_and_bounds_along(name):
         (lambda: RigidMotion([0, 0], dimension=2), "times must ascend"),
         (lambda: RigidMotion([0, 1], [[0, 0, 0]], dimension=3), "translations must be 3 finite numbers for each of 2"),
         (lambda: RigidMotion([0], rotations=[[1, 0, 0]], dimension=2), "in 2D a rotation is about the z axis"),
+        (lambda: Rigid(SHAPES["disc"], motion=tumbling()), "keyframes for 3D move a shape in 2D"),
         (lambda: Contact(-0.1), "friction must be a finite number, 0 or above, got -0.1"),
         (lambda: HalfSpace((0, 0), (0, 0)), "half_space: normal must not be zero"),
     ],
