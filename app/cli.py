@@ -34,6 +34,7 @@ class Command:
 
 COMMANDS = {
     "elastic": Command("elastic_command", "run a scene of invertible elasticity", True),
+    "snow": Command("snow_command", "run a scene of snow", True),
     "check": Command("check_command", "validate scenes without running them; lists all errors", False),
     "mesh": Command("mesh_command", "build, convert and check a mesh", False),
     "study": Command("study_command", "run a study: accuracy against time, pictures", True),
@@ -83,11 +84,8 @@ def dispatch(words: list[str], comm: MPI.Comm) -> int:
     if name.startswith("-"):
         raise InputError(f"{name}: options come after the command, one of {', '.join(COMMANDS)}")
     if name not in COMMANDS:
-        hint = (
-            f"; write extremal elastic {name}"
-            if name.endswith(".toml")
-            else "; " + suggestion(name, COMMANDS)
-        )
+        commands = " or ".join(f"extremal {part} {name}" for part in ("elastic", "snow"))
+        hint = f"; write {commands}" if name.endswith(".toml") else "; " + suggestion(name, COMMANDS)
         raise InputError(f"{name}: unknown command{hint}")
     return _run(name, rest, comm)
 

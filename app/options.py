@@ -11,8 +11,6 @@ from typing import Any
 
 from .errors import InputError, nearest
 
-PREFIX = "elastic_"
-
 # Options PETSc consults only at its very end: never unused.
 AT_THE_END = frozenset({"options_left", "options_view", "log_view", "memory_view", "malloc_dump", "help"})
 
@@ -117,6 +115,8 @@ class PetscOptions:
     ----------
     arguments : sequence of str
         PETSc's part of the command line. PETSc is initialised with it: nothing may import it before.
+    prefix : str
+        Of our solvers, to tell what a mistyped option was meant to be.
 
     Attributes
     ----------
@@ -124,7 +124,8 @@ class PetscOptions:
         Names which the user gave, on the command line, in an options file or in the scene; lower case.
     """
 
-    def __init__(self, arguments: Sequence[str] = ()) -> None:
+    def __init__(self, arguments: Sequence[str] = (), prefix: str = "elastic_") -> None:
+        self.prefix = prefix
         started = "petsc4py.PETSc" in sys.modules
         import petsc4py
 
@@ -170,7 +171,7 @@ class PetscOptions:
         if "options_left" in self.given:
             return None
         everything = self._database.getAll()
-        known = {name for name in everything if _used(name)} | {PREFIX + name for name in COMMON} | {*GLOBAL}
+        known = {name for name in everything if _used(name)} | {self.prefix + name for name in COMMON} | {*GLOBAL}
         parts = []
         for name, value in self.unused().items():
             near = nearest(name, known - {name})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from .parallel import on_root
 from .problem import Problem
 from .progress import Progress
-from .results import HISTORY, ITERATIONS, OutputError, Series, Table
+from .results import HISTORY, ITERATIONS, Frames, OutputError, Series, Table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +38,7 @@ class Counts:
         """Count a finished step with the solver's `figures`, of whose iterations `seen` have been counted."""
         self.step += 1
         if not seen:  # a problem that does not call back tells its iterations afterwards
-            self.iterations += int(figures.get("newton_iterations", 0))
+            self.iterations += int(figures.get("newton_iterations", figures.get("krylov_iterations", 0)))
         for name, figure in figures.items():
             if name.endswith("_iterations"):
                 self.totals[name] = self.totals.get(name, 0) + figure
@@ -59,9 +59,10 @@ class Output:
         self.problem, self.settings, self.folder, self.counts = problem, settings, folder, counts
         self.comm = problem.comm
         self.event = PETSc.Log.Event("session:output")
-        self.series: Series | None = None
+        self.series: Frames | None = None
         self.progress: Progress | None = None
-        self.has_fields = False
+        self.every = getattr(settings, "iterations", None)
+        self.has_fields = self.has_particles = False
         self.frame_step = -1
         self.postponed: OutputError | None = None  # rank 0's, until the ranks can agree on it
 
@@ -72,6 +73,8 @@ class Output:
         progress: Progress | None,
     ) -> None:
         """Go on with the tables and frames in the folder, less what came after the current step."""
+        self.has_particles = hasattr(self.problem, "particle_fields")
+        self.has_fields = self.comm.bcast(geometry is not None) or self.has_particles
 
         def go_on() -> None:
             self.history = Table(self.folder / HISTORY)
@@ -80,10 +83,14 @@ class Output:
                 table.keep(lambda row: row["step"] <= self.counts.step)
             if geometry is not None:
                 self.series = Series(self.folder, geometry, frame_times)
+            elif self.has_particles:
+                from .particles_output import ParticleFrames
+
+                h = self.problem.h if self.settings.vdb else None  # type: ignore[attr-defined]
+                self.series = ParticleFrames(self.folder, frame_times, h)
 
         on_root(self.comm, go_on)
         self.progress = progress
-        self.has_fields = self.comm.bcast(geometry is not None)
         self.problem.on_iteration = self.iteration
 
     def row(self, dt: float, cutbacks: int, wall: float, diagnostics: Mapping[str, float]) -> None:
@@ -115,9 +122,8 @@ class Output:
             self._postpone(lambda: self.iterations.append(row))
             if self.progress is not None:
                 self.progress.iteration(figures)
-        every = self.settings.iterations
         counted = figures.get("iteration", 1) > 0
-        if self.has_fields and every and counted and self.counts.iterations % every == 0:
+        if self.has_fields and self.every and counted and self.counts.iterations % self.every == 0:
             with self.event:
                 write = self._gather_frame()
                 if self.comm.rank == 0:
@@ -145,13 +151,27 @@ class Output:
 
     def _gather_frame(self) -> Callable[[], None]:
         """Return what rank 0 must do to write a frame of the fields as they are now."""
-        fields = self.problem.fields(self.settings.fields)
         # among frames of solver iterations, the count of iterations is the only clock that moves
-        time = float(self.counts.iterations) if self.settings.iterations else self.problem.time
+        time = float(self.counts.iterations) if self.every else self.problem.time
+        if self.has_particles:
+            return self._gather_particles(time)
+        fields = self.problem.fields(self.settings.fields)
 
         def write() -> None:
-            assert self.series is not None and fields is not None
+            assert isinstance(self.series, Series) and fields is not None
             self.series.write(time, *fields)
+
+        return write
+
+    def _gather_particles(self, time: float) -> Callable[[], None]:
+        particles = self.problem.particle_fields(self.settings.fields)  # type: ignore[attr-defined]
+        mass = self.problem.state().get("mass") if self.settings.vdb else None
+
+        def write() -> None:
+            from .particles_output import ParticleFrames
+
+            assert isinstance(self.series, ParticleFrames)
+            self.series.write(time, particles, mass)
 
         return write
 

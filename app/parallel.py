@@ -131,7 +131,12 @@ def _explain(error: Exception, program: str) -> tuple[str, int]:
 
 def _input_errors() -> tuple[type[Exception], ...]:
     """Return the input errors of the packages this run has loaded: they do not know ours."""
-    names = {"extremal.meshes": "MeshError", "extremal.forms.laws": "LawError"}
+    names = {
+        "extremal.meshes": "MeshError",
+        "extremal.forms.laws": "LawError",
+        "extremal.mpm.shapes": "BodyError",
+        "extremal.mpm.law": "LawError",
+    }
     return tuple(
         getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules
     )

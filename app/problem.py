@@ -53,3 +53,19 @@ class Problem(Protocol):
     ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]] | None:
         """Return on rank 0 the fields at points and in cells."""
         ...
+
+
+class ParticleProblem(Problem, Protocol):
+    """A problem without a mesh: what moves is particles. `geometry` and `fields` return None.
+
+    Attributes
+    ----------
+    h : float
+        Edge of a cell of the background grid [m].
+    """
+
+    h: float
+
+    def particle_fields(self, names: Sequence[str] | None = None) -> dict[str, NDArray[Any]] | None:
+        """Return on rank 0 "points", (n, 3) [m], and the fields asked for, in the order of `state`."""
+        ...

@@ -18,10 +18,14 @@ SHOWN = {
     "residual": "residual",
     "inverted": "inverted",
     "newton_iterations": "newton",
+    "active_nodes": "nodes",
+    "krylov_iterations": "krylov",
     "iterations": "iterations",
 }
 # Solver iterations are told no more often than this [s]: only long steps show that they are alive.
 PATIENCE = 5.0
+# A run of more steps than this is told no more often than so many seconds apart.
+MANY_STEPS, SPACING = 200, 2.0
 
 
 def on_terminal() -> bool:
@@ -47,11 +51,15 @@ class Progress:
         Times the run goes from and to [s].
     quiet : bool
         Say nothing but notes.
+    step : float, optional
+        Length of a step [s], to judge how many there will be.
     """
 
-    def __init__(self, title: str, start: float, end: float, quiet: bool = False) -> None:
+    def __init__(self, title: str, start: float, end: float, quiet: bool = False, step: float = math.inf) -> None:
         self.quiet = quiet
         self.last_told = clock.monotonic()
+        self.end = end
+        self.spacing = SPACING if (end - start) / step > MANY_STEPS else 0.0
         self.bar: Bar | None = None
         if quiet or not on_terminal():
             return
@@ -71,8 +79,11 @@ class Progress:
         self.bar.start()
 
     def step(self, step: int, time: float, dt: float, figures: Mapping[str, float], wall: float) -> None:
-        """Tell about a finished step."""
-        self.last_told = clock.monotonic()
+        """Tell about a finished step, if the last one told is not too near."""
+        now = clock.monotonic()
+        if step > 1 and time < self.end and now - self.last_told < self.spacing:
+            return
+        self.last_told = now
         if self.bar is not None:
             self.bar.update(self.task, completed=time - self.begin, facts=f"step {step}  {_facts(figures)}")
         elif not self.quiet:

@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 from .errors import EXIT_SOLVER, ExtremalError, InputError
 
 if TYPE_CHECKING:
+    import meshio
     from numpy.typing import NDArray
 
 SCENE, RECORD, SUMMARY = "scene.toml", "run.json", "summary.png"
@@ -95,7 +96,8 @@ def prepare(folder: Path, keep: bool) -> None:
         # only files of ours: the folder may hold a user's notes too
         for name in (SCENE, HISTORY, ITERATIONS, RECORD, SUMMARY, SERIES):
             (folder / name).unlink(missing_ok=True)
-        for old in [*(folder / FRAMES).glob("frame_*.vtu"), *(folder / CHECKPOINTS).glob("step_*.h5")]:
+        frames = [*(folder / FRAMES).glob("frame_*.vtu"), *(folder / FRAMES).glob("density_*.vdb")]
+        for old in [*frames, *(folder / CHECKPOINTS).glob("step_*.h5")]:
             old.unlink()
     except OSError as error:
         raise InputError(
@@ -169,27 +171,24 @@ def read_table(path: Path) -> tuple[list[str], list[dict[str, float]]]:
     return columns, rows
 
 
-class Series:
-    """Frames of the fields, played in order by ParaView through `fields.pvd`.
+class Frames:
+    """Frames played in order by ParaView through `fields.pvd`.
 
     Parameters
     ----------
     folder : pathlib.Path
         The results folder.
-    geometry : tuple of points, shape (n, 3) [m], cells, shape (m, k), and the cells' meshio name
     times : list of float
         Times of the frames which stand there already.
     """
 
-    def __init__(
-        self, folder: Path, geometry: tuple[NDArray[Any], NDArray[Any], str], times: list[float]
-    ) -> None:
+    def __init__(self, folder: Path, times: list[float]) -> None:
         self.folder = folder
-        self.points, self.cells, self.cell_type = geometry
         self.times = list(times)
         # written after the checkpoint that the run goes on from
-        for frame in (folder / FRAMES).glob("frame_*.vtu"):
-            if int(frame.stem.removeprefix("frame_")) >= len(times):
+        for frame in (folder / FRAMES).glob("*_*.*"):
+            number = frame.stem.rpartition("_")[2]
+            if number.isdigit() and int(number) >= len(times):
                 frame.unlink()
         self._write_index()
 
@@ -198,29 +197,14 @@ class Series:
         """Return the file of a frame, relative to the results folder."""
         return f"{FRAMES}/frame_{index:05d}.vtu"
 
-    def write(
-        self,
-        time: float,
-        point_data: Mapping[str, NDArray[Any]],
-        cell_data: Mapping[str, NDArray[Any]],
-    ) -> None:
-        """Write the next frame: arrays of shape (n,) or (n, 3) at points, (m,) or (m, 3) in cells.
-
-        A last frame of the same time is replaced.
-        """
-        import meshio
+    def write_mesh(self, time: float, mesh: meshio.Mesh) -> None:
+        """Write the next frame; a last frame of the same time is replaced."""
+        from meshio import vtu
 
         if self.times and self.times[-1] == time:
             self.times.pop()
-
-        mesh = meshio.Mesh(
-            self.points,
-            [(self.cell_type, self.cells)],
-            point_data={name: _plain(values) for name, values in point_data.items()},
-            cell_data={name: [_plain(values)] for name, values in cell_data.items()},
-        )
         with atomic(self.folder / self.name(len(self.times))) as partial:
-            meshio.vtu.write(str(partial), mesh, binary=True, compression="zlib")
+            vtu.write(str(partial), mesh, binary=True, compression="zlib")
         self.times.append(time)
         self._write_index()
 
@@ -236,6 +220,38 @@ class Series:
         )
 
 
+class Series(Frames):
+    """Frames of the fields on a mesh.
+
+    Parameters
+    ----------
+    geometry : tuple of points, shape (n, 3) [m], cells, shape (m, k), and the cells' meshio name
+    """
+
+    def __init__(
+        self, folder: Path, geometry: tuple[NDArray[Any], NDArray[Any], str], times: list[float]
+    ) -> None:
+        super().__init__(folder, times)
+        self.points, self.cells, self.cell_type = geometry
+
+    def write(
+        self,
+        time: float,
+        point_data: Mapping[str, NDArray[Any]],
+        cell_data: Mapping[str, NDArray[Any]],
+    ) -> None:
+        """Write the next frame: arrays of shape (n,) or (n, 3) at points, (m,) or (m, 3) in cells."""
+        import meshio
+
+        mesh = meshio.Mesh(
+            self.points,
+            [(self.cell_type, self.cells)],
+            point_data={name: _plain(values) for name, values in point_data.items()},
+            cell_data={name: [_plain(values)] for name, values in cell_data.items()},
+        )
+        self.write_mesh(time, mesh)
+
+
 def _plain(values: NDArray[Any]) -> NDArray[Any]:
     """Return an array as VTK takes it: contiguous, and no truth values."""
     import numpy as np
@@ -243,15 +259,20 @@ def _plain(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(values.astype(np.uint8) if values.dtype == bool else values)
 
 
+def volume_name(index: int) -> str:
+    """Return the file of a frame's density on the grid, relative to the results folder."""
+    return f"{FRAMES}/density_{index:05d}.vdb"
+
+
 def adopt(source: Path, folder: Path, frames: int) -> None:
     """Take over tables and the first `frames` frames of another results folder, to go on in this one."""
-    names = [HISTORY, ITERATIONS, *(Series.name(index) for index in range(frames))]
-    for name in names:
+    shown = [name for index in range(frames) for name in (Frames.name(index), volume_name(index))]
+    for name in [HISTORY, ITERATIONS, *shown]:
         if (source / name).exists():
             with atomic(folder / name) as partial:
                 try:
                     # frames never change once written, so they can be shared; tables grow and cannot
-                    if not name.endswith(".vtu"):
+                    if name not in shown:
                         raise OSError
                     os.link(source / name, partial)
                 except OSError:

@@ -150,7 +150,7 @@ class _Session:
         progress = None
         if self.comm.rank == 0:
             title = self.scene.title or self.scene.part
-            progress = Progress(title, self.problem.time, self.step_size.end, self.quiet)
+            progress = Progress(title, self.problem.time, self.step_size.end, self.quiet, self.step_size.first)
         self.output.open(geometry, frame_times, progress)
         for note in notes:
             self.output.note(note)
@@ -336,8 +336,10 @@ class _Session:
         try:
             record.write_record(self.folder, facts)
             if self.scene.output.summary:
-                from .summary import draw
-
+                if self.output.has_particles:
+                    from .snow_summary import draw
+                else:
+                    from .summary import draw
                 draw(self.folder)
         except ImportError as error:
             print(f"{results.SUMMARY} not drawn: {error}")

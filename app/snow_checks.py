@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 VECTORS = ("low", "high", "center", "translation", "point", "normal", "apex", "velocity")
 PLANE = "does not exist in the plane ([grid] dimension = 2)"
-LENGTH_WANTED = "is missing; in space a wedge has a length along its edge [m]"
-SPACE_ONLY = ("cylinder", "text", "surface")
+SPACE_ONLY = ("cylinder", "surface")
+# what has no third dimension in the plane, and must have one in space
+THICK = {"wedge": "length", "text": "thickness"}
 
 
 def cross_checks(scene: SnowScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
@@ -76,8 +77,9 @@ def _plane_or_space(scene: SnowScene) -> Iterator[Problem]:
                 turns.append(((*place, "rotation"), frame.rotation))
             if d == 2 and entry.shape in SPACE_ONLY:
                 yield (table, i, "shape"), PLANE
-            elif entry.shape == "wedge" and (entry.length is None) == (d == 3):
-                yield (table, i, "length"), LENGTH_WANTED if d == 3 else PLANE
+            key = THICK.get(entry.shape, "")
+            if key and (getattr(entry, key) is None) == (d == 3):
+                yield (table, i, key), f"is missing; in space a {entry.shape} has a {key} [m]" if d == 3 else PLANE
     if scene.gravity is not None:
         vectors.append((("gravity", "acceleration"), scene.gravity.acceleration))
     for where, value in vectors:
@@ -94,7 +96,7 @@ def _plane_or_space(scene: SnowScene) -> Iterator[Problem]:
 
 def _frames(scene: SnowScene) -> Iterator[Problem]:
     end = scene.analysis.end_time
-    if scene.output.every is not None and scene.output.every > end:
+    if "every" in scene.output.model_fields_set and scene.output.every > end:
         yield ("output", "every"), f"must not be above [analysis] end_time = {end:g}"
 
 

@@ -13,13 +13,12 @@ from .scene_common import Expected, PetscValue, Scene, Where
 from .scene_fields import Boolean, Integer, Number, Positive, Problem, Table, Text
 from .snow_shapes import PLASTIC, Body, Collider, SnowMaterial
 
-PARTICLE_FIELDS = (
-    "velocity", "J_P", "stretch", "density", "stiffness", "mass", "volume", "body", "ident", "rank",
-)  # fmt: skip
+PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "body", "stiffness")
+LARGEST_SCALE = 100.0
 DIAGNOSTICS = (
     "time", "particles", "mass", "momentum_x", "momentum_y", "momentum_z", "angular_momentum_x",
     "angular_momentum_y", "angular_momentum_z", "kinetic_energy", "elastic_energy", "gravitational_energy",
-    "plastic_dissipation", "krylov_iterations", "dt", "active_nodes", "imbalance",
+    "plastic_dissipation", "energy", "largest_speed", "krylov_iterations", "dt", "active_nodes", "imbalance",
 )  # fmt: skip
 
 
@@ -30,7 +29,7 @@ class Grid(Table):
     spline: Literal["cubic", "quadratic"] = Field("cubic", description="B-splines between particles and nodes")
     dimension: Literal[2, 3] = Field(3, description="2: in the plane")
     imbalance: Annotated[Number, Field(gt=1)] = Field(
-        1.2, description="particles of the fullest rank over the mean at which ranks share anew [1]"
+        1.3, description="particles of the fullest rank over the mean at which ranks share anew [1]"
     )
 
 
@@ -82,9 +81,9 @@ class SnowAnalysis(Table):
 class SnowOutput(Table):
     """[output]: what is written, and how often."""
 
-    every: Positive | None = Field(None, description="time [s] between frames; default: end_time/20")
+    every: Positive = Field(1 / 24, description="time [s] between frames; default: 24 in a second")
     fields: tuple[Literal[PARTICLE_FIELDS], ...] | None = Field(  # type: ignore[valid-type]
-        None, description="fields of the particles written; default: velocity, J_P, density, body"
+        None, description="fields of the particles written; default: all"
     )
     vdb: Boolean = Field(False, description="also the density on the grid, as OpenVDB, one file a frame")
     checkpoint_every: Annotated[Integer, Field(ge=1)] = Field(500, description="steps between checkpoints")
@@ -96,7 +95,7 @@ class SnowScene(Scene):
 
     title: Text = Field("", description="what the scene shows, in a line")
     part: Literal["snow"] = Field(description="which command runs it")
-    scale: Annotated[Number, Field(gt=0, le=100)] = Field(
+    scale: Annotated[Number, Field(gt=0, le=LARGEST_SCALE)] = Field(
         1.0, description="cells are this many times finer, particles as many times more in each direction [1]"
     )
     grid: Grid = Field(description="the background grid")

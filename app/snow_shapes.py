@@ -30,22 +30,15 @@ Fraction = Annotated[Number, Field(gt=0, lt=1)]
 # the keys of each shape: those it needs, those it may have
 Keys = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
 SOLIDS: Keys = {
-    "box": (("low", "high"), ("rotation",)),
+    "box": (("low", "high"), ()),
     "sphere": (("center", "radius"), ()),
     "cylinder": (("center", "radius", "length"), ("axis",)),
+    "wedge": (("apex", "width", "height"), ("length", "axis")),
+    "text": (("text", "height", "center"), ("thickness",)),
+    "height_field": (("low", "high", "surface"), ()),
     "surface": (("file",), ("scale", "translation")),
 }
-BODIES: Keys = {
-    **SOLIDS,
-    "text": (("text", "height", "thickness", "center"), ()),
-    "height_field": (("low", "high", "surface"), ()),
-}
-COLLIDERS: Keys = {
-    **SOLIDS,
-    "half_space": (("point", "normal"), ()),
-    "wedge": (("apex", "width", "height"), ("length", "axis")),
-    "level_sets": (("file",), ()),
-}
+COLLIDERS: Keys = {**SOLIDS, "half_space": (("point", "normal"), ()), "level_sets": (("file",), ())}
 
 
 class SnowMaterialKeys(Table):
@@ -87,17 +80,23 @@ class Shape(Table):
 
     low: Vector | None = Field(None, description="box, height_field: corner with the smallest coordinates [m]")
     high: Vector | None = Field(None, description="box, height_field: corner with the largest coordinates [m]")
-    rotation: Rotation | None = Field(
-        None, description="box: turned about its middle by this rotation vector [rad]; in the plane one angle"
-    )
     center: Vector | None = Field(None, description="sphere, cylinder, text: middle [m]")
     radius: Positive | None = Field(None, description="sphere, cylinder: radius [m]")
-    length: Positive | None = Field(None, description="cylinder, wedge: length along the axis [m]; wedge in space only")
-    height: Positive | None = Field(None, description="text: of the letters [m]; wedge: of the edge above its base [m]")
+    length: Positive | None = Field(None, description="cylinder: along its axis [m]; wedge: along its edge, in space")
     axis: Axis | None = Field(
         None, description="cylinder: direction of its axis, default z; wedge: of its edge, default y"
     )
-    file: Text | None = Field(None, description="surface: closed surface mesh (STL, OBJ, PLY), relative to the scene")
+    apex: Vector | None = Field(None, description="wedge: middle of its upper edge [m]")
+    width: Positive | None = Field(None, description="wedge: width of its base [m]")
+    height: Positive | None = Field(None, description="wedge: of the edge above its base [m]; text: of all its lines")
+    text: Text | None = Field(None, description="text: the words, upright, read along x")
+    thickness: Positive | None = Field(None, description="text: thickness along y [m]; in space")
+    surface: SurfaceHeight | None = Field(
+        None, description="height_field: height of its top [m], expression of x, y; in the plane of x"
+    )
+    file: Text | None = Field(
+        None, description="surface: closed surface mesh (STL, OBJ, PLY); level_sets: arrays (NPZ); beside the scene"
+    )
     scale: Positive = Field(1.0, description="surface: factor of the file's lengths [1]")
     translation: Vector | None = Field(None, description="surface: moved by this after scaling [m]")
 
@@ -117,6 +116,8 @@ class Shape(Table):
                 yield ("high",), f"must have {len(self.low)} components, as low has"
             elif any(a >= b for a, b in zip(self.low, self.high)):
                 yield ("high",), "must be above low in every component"
+        if self.text is not None and not self.text.strip():
+            yield ("text",), "has no letter"
 
     @classmethod
     def _meaning(cls, key: str) -> str:
@@ -134,27 +135,22 @@ class Shell(Table):
 class Noise(Table):
     """A noise pattern of stiffness: fracture becomes chunky."""
 
-    size: Positive = Field(description="size of a feature of the pattern [m]")
+    size: Positive = Field(description="of the lumps [m]")
     stiffness: NotNegative = Field(
-        0.5, description="strength: Young's modulus varies by the factors exp(± this) [1]"
+        0.5, description="s: Young's modulus varies by factors between 1/(1 + s) and 1 + s [1]"
     )
-    density: NotNegative = Field(0.0, description="strength: density varies by the factors exp(± this) [1]")
+    density: NotNegative = Field(0.0, description="s: density varies by factors between 1/(1 + s) and 1 + s [1]")
     seed: Annotated[Integer, Field(ge=0)] = Field(0, description="seed of the pattern")
 
 
 class Body(Shape):
     """[[body]]: snow, seeded with particles."""
 
-    KEYS = BODIES
+    KEYS = SOLIDS
     COMMON = ("shape", "material", "per_cell", "seed", "velocity", "spin", "shell", "noise")
 
-    shape: Literal["box", "sphere", "cylinder", "text", "height_field", "surface"] = Field(
+    shape: Literal["box", "sphere", "cylinder", "wedge", "text", "height_field", "surface"] = Field(
         description="what the body fills"
-    )
-    text: Text | None = Field(None, description="text: the words, upright in the x-z plane")
-    thickness: Positive | None = Field(None, description="text: thickness along y [m]")
-    surface: SurfaceHeight | None = Field(
-        None, description="height_field: height of the top [m], expression of x, y; in the plane of x"
     )
     per_cell: Annotated[Integer, Field(ge=1, le=64)] = Field(8, description="particles in a cell of the grid")
     seed: Annotated[Integer, Field(ge=0)] = Field(0, description="seed of the particles' places")
@@ -168,12 +164,6 @@ class Body(Shape):
     shell: Shell | None = Field(None, description="harder, heavier shell; absent: none")
     noise: Noise | None = Field(None, description="pattern of harder and softer snow; absent: none")
 
-    def problems(self) -> Iterator[Problem]:
-        """Yield what is wrong with the shape, and words without letters."""
-        yield from super().problems()
-        if self.text is not None and not self.text.strip():
-            yield ("text",), "has no letter"
-
 
 class Collider(Shape):
     """[[collider]]: what snow cannot enter."""
@@ -181,13 +171,11 @@ class Collider(Shape):
     KEYS = COLLIDERS
     COMMON = ("shape", "friction", "sticky", "keyframes")
 
-    shape: Literal["half_space", "box", "sphere", "cylinder", "wedge", "surface", "level_sets"] = Field(
-        description="what cannot be entered"
-    )
+    shape: Literal[
+        "half_space", "box", "sphere", "cylinder", "wedge", "text", "height_field", "surface", "level_sets"
+    ] = Field(description="what cannot be entered")
     point: Vector | None = Field(None, description="half_space: a point of its plane [m]")
     normal: Vector | None = Field(None, description="half_space: direction out of it, of any length")
-    apex: Vector | None = Field(None, description="wedge: middle of its upper edge [m]")
-    width: Positive | None = Field(None, description="wedge: width of its base [m]")
     friction: NotNegative = Field(0.0, description="coefficient of Coulomb friction μ [1]")
     sticky: Boolean = Field(False, description="snow that touches it stays (7.7)")
     keyframes: tuple[Keyframe, ...] | None = Field(None, min_length=1, description="rigid placements in time")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from extremal.app import cli, elastic_command, study_command
+from extremal.app import cli, run_command, study_command
 from extremal.app.errors import EXIT_INPUT
 from extremal.meshes import SHAPES
 
@@ -21,12 +21,12 @@ KNOWN = ", ".join(SHAPES)
 
 # (arguments, message); {here} is the folder of scene.toml and full/notes.txt
 CASES = [
-    ("", "a command is missing; one of elastic, check, mesh, study (extremal --help explains them)"),
+    ("", "a command is missing; one of elastic, snow, check, mesh, study (extremal --help explains them)"),
     ("chekc", "chekc: unknown command; did you mean check?"),
-    ("dance", "dance: unknown command; known: elastic, check, mesh, study"),
-    ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml"),
-    ("--verbose", "--verbose: options come after the command, one of elastic, check, mesh, study"),
-    ("-log_view elastic", "-log_view: options come after the command, one of elastic, check, mesh, study"),
+    ("dance", "dance: unknown command; known: elastic, snow, check, mesh, study"),
+    ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml or extremal snow scene.toml"),
+    ("--verbose", "--verbose: options come after the command, one of elastic, snow, check, mesh, study"),
+    ("-log_view elastic", "-log_view: options come after the command, one of elastic, snow, check, mesh, study"),
     ("elastic", "elastic: SCENE is missing"),
     ("elastic --quiet", "elastic: SCENE is missing"),
     (
@@ -101,7 +101,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to work in, with a good scene and a results folder in use."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_command, "names", lambda: ["contour", "speed"])
-    monkeypatch.setattr(elastic_command, "_solve", lambda *_: pytest.fail("the scene was run"))
+    monkeypatch.setattr(run_command, "_solve", lambda *_: pytest.fail("the scene was run"))
     (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "scene.toml.rc").write_text("# solver\n-elastic_ksp_rtol 1e-3\nelastic_ksp_type cg\n")
     (tmp_path / "full" / "folder.msh").mkdir(parents=True)

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from extremal.app import cli
-from extremal.app.elastic_command import in_steps
 from extremal.app.options import split
+from extremal.app.run_command import in_steps
 from extremal.app.scene import validate
 
 Launch = Callable[..., subprocess.CompletedProcess[str]]
