@@ -1,0 +1,371 @@
+"""The snow problem: one step of the material point method (7.3.1), as the session drives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from . import implicit, kernel
+from .colliders import Collider, collide
+from .decomposition import Decomposition
+from .grid import Grid
+from .law import Law, table
+from .particles import Particles
+from .sharing import Sharing
+
+LEAST_VOLUME_CHANGE = 0.1  # of det(1 + dt grad v): a step that squeezes a particle further is refused
+LARGEST_ROTATION = 1.0  # of any entry of dt grad v
+REBALANCE = 1.3  # imbalance at which space is cut anew
+
+
+class StepFailure(ArithmeticError):
+    """A step was too long; the state is that before it.
+
+    Attributes
+    ----------
+    wanted_step : float or None
+        A step [s] that should succeed.
+    """
+
+    def __init__(self, message: str, wanted_step: float | None = None) -> None:
+        super().__init__(message)
+        self.wanted_step = wanted_step
+
+
+class SnowProblem:
+    """Bodies of snow on a background grid.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Comm
+    particles : Particles
+        Any share of all particles on each rank; they are sent where they belong.
+    laws : sequence of Law
+        `particles.body` chooses among them.
+    cell_size : float
+        h [m].
+    gravity : sequence of float or None
+        [m/s²]
+    colliders : sequence of Collider
+    spline : str
+        "cubic" or "quadratic".
+    beta : float
+        0 explicit, 1/2 trapezoidal, 1 backward Euler.
+    flip : float
+        α of step 8: the share of FLIP.
+    cfl : float
+        Largest |v| dt/h.
+    precision : str
+        "double" or "single", of the implicit operator.
+    rebalance : float
+        Imbalance at which space is divided anew.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        particles: Particles,
+        laws: Sequence[Law],
+        *,
+        cell_size: float,
+        gravity: Sequence[float] | None = None,
+        colliders: Sequence[Collider] = (),
+        spline: str = "cubic",
+        beta: float = 1.0,
+        flip: float = 0.95,
+        cfl: float = 0.5,
+        precision: str = "double",
+        rebalance: float = REBALANCE,
+    ) -> None:
+        self.comm, self.time, self.h = comm, 0.0, cell_size
+        self.on_iteration: Callable[[dict[str, float]], None] | None = None
+        self.laws, self._table = tuple(laws), table(laws)
+        self._gravity = None if gravity is None else np.asarray(gravity, dtype=float)
+        self._colliders, self._beta, self._flip = tuple(colliders), beta, flip
+        self._cfl, self._rebalance = cfl, rebalance
+        d = particles.dimension
+        self._kernel = kernel.load(comm, d, spline)
+        self._operator_kernel = self._kernel
+        if beta and precision == "single":
+            self._operator_kernel = kernel.load(comm, d, spline, "single")
+        self._space = Decomposition(comm, cell_size, particles)
+        self.particles = self._space.migrate(particles)
+        self._count = comm.allreduce(len(particles))
+        self._mass = comm.allreduce(float(particles.mass.sum()))
+        self._dissipated = 0.0
+        self._nodes = 0
+        self._figures = {"krylov_iterations": 0.0, "dt": 0.0}
+        present = {
+            "plasticity": any(law.is_plastic for law in laws),
+            "hardening": any(law.is_plastic and law.hardening for law in laws),
+            "implicit": beta > 0,
+            "gravity": gravity is not None,
+            "colliders": bool(colliders),
+        }
+        self.effects: dict[str, dict[str, Any]] = {"snow": {}} | {k: {} for k, there in present.items() if there}
+        names = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
+        self._events = {name: PETSc.Log.Event(f"snow:snow:{name}") for name in names}
+        self._events |= {name: PETSc.Log.Event(f"snow:{name}") for name in ("implicit", "colliders")}
+
+    # ------------------------------------------------------------------ a step
+
+    def advance(self, dt: float) -> dict[str, float]:
+        """One step of 7.3.1.
+
+        Returns
+        -------
+        dict
+            krylov_iterations and wanted_step, the longest step [s] the new velocities allow.
+
+        Raises
+        ------
+        StepFailure
+            On all ranks, with the state as before: the step is too long for the velocities or deforms too much.
+        """
+        longest = self._longest_step()
+        if dt > longest * (1 + 1e-9):
+            raise StepFailure(f"particles would cross {self._cfl * dt / longest:.2g} cells in dt {dt:.3g}", longest)
+        with self._events["migrate"]:
+            self._arrange()
+        with self._events["grid"]:
+            grid = Grid(self._kernel, self.h, self.particles)
+            sharing = Sharing(grid, self._space)
+        try:
+            iterations = self._step(grid, sharing, dt)
+        finally:
+            sharing.destroy()
+        self.time += dt
+        self._nodes = self.comm.allreduce(len(sharing.node[sharing.owned]))
+        self._figures = {"krylov_iterations": float(iterations), "dt": dt}
+        return {"krylov_iterations": float(iterations), "wanted_step": self._longest_step()}
+
+    def _step(self, grid: Grid, sharing: Sharing, dt: float) -> int:
+        p, d, n = self.particles, self.particles.dimension, sharing.count
+        mass, old = np.zeros(n), np.zeros((n, d))
+        with self._events["to_grid"]:
+            grid.call("to_grid", p.position, p.velocity, p.mass, mass, old)
+            sharing.sum_to_owners(mass)
+            sharing.sum_to_owners(old)
+            sharing.from_owners(mass)
+            heavy = np.where(mass > 0, mass, 1.0)[:, None]
+            old /= heavy
+            sharing.from_owners(old)
+        if not self.comm.allreduce(bool(p.volume.all()), op=MPI.LAND):
+            density = np.empty(len(p))
+            grid.call("density", p.position, mass, density)
+            p.volume[:] = p.mass / density
+
+        force = np.zeros((n, d))
+        with self._events["force"]:
+            self._particle_loop(grid, "force", force)
+            sharing.sum_to_owners(force)
+        owned = sharing.owned
+        new = old.copy()
+        new[owned] += dt * force[owned] / heavy[owned]
+        if self._gravity is not None:
+            new[owned] += dt * self._gravity[:d]
+        free = np.ones(len(new[owned]), dtype=bool)
+        if self._colliders:
+            with self._events["colliders"]:
+                nodes = sharing.node[owned] * self.h
+                new[owned], hit = collide(self._colliders, nodes, new[owned], self.time + dt)
+                free = ~hit
+        iterations = 0
+        if self._beta:
+            with self._events["implicit"]:
+                iterations = self._implicit(grid, sharing, mass, new, free, dt)
+        sharing.from_owners(new)
+        velocity, gradient = p.velocity.copy(), np.empty((len(p), d * d))
+        with self._events["to_particles"]:
+            grid.call("to_particles", p.position, new, old, float(self._flip), velocity, gradient)
+        self._check(gradient, velocity, dt)
+        with self._events["flow"]:
+            dissipated = np.zeros(1)
+            self._kernel.call(
+                "flow", len(p), gradient, float(dt), p.volume, p.stiffness, p.body, self._table, p.stretch, p.plastic,
+                dissipated,
+            )  # fmt: skip
+            self._dissipated += self.comm.allreduce(float(dissipated[0]))
+        if self._colliders:
+            with self._events["colliders"]:
+                velocity, _ = collide(self._colliders, p.position, velocity, self.time + dt)
+        p.velocity[:] = velocity
+        p.position += dt * velocity
+        return iterations
+
+    def _particle_loop(self, grid: Grid, name: str, out: NDArray) -> None:
+        p = self.particles
+        grid.call(name, p.position, p.stretch, p.plastic, p.volume, p.stiffness, p.body, self._table, out)
+
+    def _implicit(
+        self, grid: Grid, sharing: Sharing, mass: NDArray, new: NDArray, free: NDArray, dt: float
+    ) -> int:
+        operator = implicit.Operator(
+            self.particles, grid, sharing, self._operator_kernel, self._table, mass, self._beta * dt**2, free
+        )
+        right = -operator.hessian(new[sharing.owned])
+        right[~free] = 0
+        delta, iterations, reason = implicit.solve(operator, right, self.comm)
+        if reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT:
+            raise StepFailure(f"KSP ended with reason {reason} after {iterations} iterations", dt / 2)
+        new[sharing.owned] += delta
+        return iterations
+
+    def _check(self, gradient: NDArray, velocity: NDArray, dt: float) -> None:
+        """Refuse a step that deforms a particle too much or is not finite; nothing has been changed yet."""
+        least, largest = np.zeros(1), np.zeros(1)
+        self._kernel.call("look", len(velocity), gradient, float(dt), least, largest)
+        J = self.comm.allreduce(float(least[0]), op=MPI.MIN)
+        turn = self.comm.allreduce(float(largest[0]), op=MPI.MAX)
+        good = bool(np.isfinite(velocity).all()) and np.isfinite(J) | (len(velocity) == 0) and np.isfinite(turn)
+        if not self.comm.allreduce(bool(good), op=MPI.LAND):
+            raise StepFailure("velocities are not finite", dt / 4)
+        if J < LEAST_VOLUME_CHANGE or turn > LARGEST_ROTATION:
+            raise StepFailure(
+                f"a particle is deformed too much in dt {dt:.3g}: det(1 + dt grad v) = {J:.3g}, "
+                f"largest |dt grad v| = {turn:.3g}",
+                dt / 2,
+            )
+
+    def _longest_step(self) -> float:
+        """Longest step [s] that the velocities and, when explicit, the elastic waves allow."""
+        p = self.particles
+        fastest = float(np.abs(p.velocity).max(initial=0))
+        fastest = self.comm.allreduce(fastest, op=MPI.MAX)
+        longest = self._cfl * self.h / fastest if fastest > 0 else np.inf
+        if not self._beta:
+            longest = min(longest, 0.3 * self.h / self._wave_speed())
+        return longest
+
+    def _wave_speed(self) -> float:
+        """Fastest elastic wave [m/s], hardening included."""
+        p, fastest = self.particles, 0.0
+        for k, law in enumerate(self.laws):
+            mine = p.body == k
+            if not mine.any():
+                continue
+            factor = p.stiffness[mine]
+            if law.is_plastic:
+                exponent = np.clip(law.hardening * (1 - p.plastic[mine]), -law.hardening_cap, law.hardening_cap)
+                factor = factor * np.exp(exponent)
+            fastest = max(fastest, law.wave_speed * float(np.sqrt(factor.max())))
+        return self.comm.allreduce(fastest, op=MPI.MAX) or 1.0
+
+    def _arrange(self) -> None:
+        """Particles where they belong; space is cut anew where one rank has too many."""
+        if self.comm.size == 1:
+            return
+        self.particles = self._space.migrate(self.particles)
+        if self._space.imbalance(len(self.particles)) > self._rebalance:
+            self._space = Decomposition(self.comm, self.h, self.particles)
+            self.particles = self._space.migrate(self.particles)
+
+    # ------------------------------------------------------------------ what the session asks
+
+    def _sum(self, values: NDArray) -> NDArray:
+        total = np.atleast_1d(np.asarray(values, dtype=float)).copy()
+        self.comm.Allreduce(MPI.IN_PLACE, total)
+        return total
+
+    def diagnostics(self) -> dict[str, float]:
+        """Conserved quantities and energies [SI]; raises RuntimeError where a particle has been lost."""
+        p, d = self.particles, self.particles.dimension
+        count, mass = self.comm.allreduce(len(p)), float(self._sum(p.mass.sum())[0])
+        if count != self._count or abs(mass - self._mass) > 1e-9 * abs(self._mass):
+            raise RuntimeError(f"{self._count - count} particles were lost ({self._mass:g} kg became {mass:g} kg)")
+        momentum = self._sum((p.mass[:, None] * p.velocity).sum(axis=0))
+        x, v = (np.pad(a, ((0, 0), (0, 3 - d))) for a in (p.position, p.velocity))
+        angular = self._sum((p.mass[:, None] * np.cross(x, v)).sum(axis=0))
+        elastic = np.zeros(len(p))
+        if self.comm.allreduce(bool(p.volume.all()), op=MPI.LAND):
+            self._kernel.call(
+                "energy", len(p), p.stretch, p.plastic, p.volume, p.stiffness, p.body, self._table, elastic
+            )
+        weight = 0.0 if self._gravity is None else -float((p.mass * (p.position @ self._gravity[:d])).sum())
+        kinetic = 0.5 * float((p.mass[:, None] * p.velocity**2).sum())
+        energies = self._sum(np.array([kinetic, elastic.sum(), weight]))
+        speed = self.comm.allreduce(float(np.linalg.norm(p.velocity, axis=1).max(initial=0)), op=MPI.MAX)
+        figures = {"time": self.time, "particles": float(count), "mass": mass}
+        figures |= {f"momentum_{a}": float(m) for a, m in zip("xyz", momentum, strict=False)}
+        figures |= {f"angular_momentum_{a}": float(m) for a, m in zip("xyz", angular, strict=False)}
+        return figures | {
+            "kinetic_energy": float(energies[0]),
+            "elastic_energy": float(energies[1]),
+            "gravitational_energy": float(energies[2]),
+            "plastic_dissipation": self._dissipated,
+            "energy": float(energies.sum()),
+            "largest_speed": speed,
+            "krylov_iterations": self._figures["krylov_iterations"],
+            "dt": self._figures["dt"],
+            "active_nodes": float(self._nodes),
+            "imbalance": self._space.imbalance(len(p)),
+        }
+
+    def _gathered(self) -> dict[str, NDArray] | None:
+        """All particles in the order of seeding, on rank 0."""
+        parts = self.comm.gather(self.particles.arrays())
+        if parts is None:
+            return None
+        whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        order = np.argsort(whole["ident"], kind="stable")
+        return {name: values[order] for name, values in whole.items()}
+
+    def state(self) -> dict[str, NDArray]:
+        """All that a restart needs, on rank 0 in the order of seeding; {} elsewhere."""
+        whole = self._gathered()
+        return {} if whole is None else whole | {"dissipated": np.array([self._dissipated])}
+
+    def restore(self, state: dict[str, NDArray]) -> None:
+        """Take over what `state` gave, on any number of ranks."""
+        rank = self.comm.rank
+        dissipated = self.comm.bcast(float(state["dissipated"][0]) if rank == 0 else None)
+        arrays = {name: values for name, values in state.items() if name != "dissipated"}
+        parts = None
+        if rank == 0:
+            cuts = np.array_split(np.arange(len(arrays["ident"])), self.comm.size)
+            parts = [Particles(**{name: np.ascontiguousarray(a[c]) for name, a in arrays.items()}) for c in cuts]
+        particles = self.comm.scatter(parts)
+        self._space = Decomposition(self.comm, self.h, particles)
+        self.particles = self._space.migrate(particles)
+        self._dissipated = dissipated
+
+    def geometry(self) -> None:
+        """There is no mesh: particles move."""
+        return None
+
+    def fields(self, names: Sequence[str] | None = None) -> None:
+        """There is no mesh: see `particle_fields`."""
+        return None
+
+    def particle_fields(self, names: Sequence[str] | None = None) -> dict[str, NDArray] | None:
+        """On rank 0, in the order of seeding: points (n, 3) [m] and what `names` asks for (default all)."""
+        whole = self._gathered()
+        if whole is None:
+            return None
+        d = self.particles.dimension
+        ends = _stretches(whole["stretch"], d)
+        elastic = ends.prod(axis=1)
+        volume = np.where(whole["volume"] > 0, whole["volume"], 1.0) * elastic * whole["plastic"]
+        every = {
+            "velocity": np.pad(whole["velocity"], ((0, 0), (0, 3 - d))),
+            "J_P": whole["plastic"],
+            "stretch": ends[:, -1],
+            "density": whole["mass"] / volume,
+            "body": whole["body"].astype(float),
+            "stiffness": whole["stiffness"],
+        }
+        points = {"points": np.pad(whole["position"], ((0, 0), (0, 3 - d)))}
+        return points | {name: values for name, values in every.items() if names is None or name in names}
+
+
+def _stretches(packed: NDArray, d: int) -> NDArray:
+    """Eigenvalues of W (n, d), ascending."""
+    full = np.empty((len(packed), d, d))
+    i, j = np.triu_indices(d)
+    full[:, i, j] = full[:, j, i] = packed
+    return np.linalg.eigvalsh(full)
