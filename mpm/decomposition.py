@@ -135,7 +135,7 @@ class Decomposition:
 
 def _pack(particles: Particles) -> NDArray:
     """All arrays side by side; whole numbers are exact in double up to 2**53."""
-    return np.hstack([a.reshape(len(particles), -1).astype(float) for a in particles.arrays().values()])
+    return np.hstack([(a if a.ndim == 2 else a[:, None]).astype(float) for a in particles.arrays().values()])
 
 
 def _unpack(packed: NDArray, like: Particles) -> Particles:
