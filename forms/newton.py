@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from petsc4py import PETSc
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ ALWAYS: Mapping[str, object] = {
     "snes_linesearch_type": "bt",
     "snes_linesearch_order": 3,
     "snes_linesearch_max_it": 40,
-    "snes_divergence_tolerance": -1,  # from near rest a residual may well grow ten-thousandfold
+    "snes_divergence_tolerance": 1e300,  # from near rest a residual may well grow ten-thousandfold
     "snes_max_linear_solve_fail": 1_000_000_000,
     "ksp_rtol": 1e-4,
 }
@@ -39,6 +40,7 @@ REGIMES: Mapping[str, Mapping[str, object]] = {
 # the energy decides until its last digits are spent; then the residual along the step does
 POLISH: Mapping[str, object] = {"snes_linesearch_type": "cp"}
 POLISHED = 1e4  # times the tolerance: the largest residual that is polished
+ROUNDING = 1e-15  # of the energy: a smaller gain is none
 NEARLY_INCOMPRESSIBLE = 0.495  # Poisson's ratio
 LARGEST_FACTORISATION = 60_000  # unknowns
 
@@ -152,6 +154,7 @@ class Newton:
         self.snes = self._snes(self.prefix, {})
         if equations.has_energy:
             self.snes.setObjective(self._energy)
+            self.snes.setConvergenceTest(self._converged)
         self.snes.setMonitor(self._monitor)
 
     def _snes(self, prefix: str, more: Mapping[str, object]) -> PETSc.SNES:
@@ -177,6 +180,28 @@ class Newton:
         reason = snes.getKSP().getConvergedReason() if snes.getIterationNumber() else 0
         projected = self._choice.project(reason) if snes == self.snes else False
         self._equations.tangent(x, out, projected and not self._exact)
+
+    def _converged(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """PETSc's own test, and an end where the energy no longer falls though the residual could."""
+        reasons, (x, step, residual) = PETSc.SNES.ConvergedReason, norms
+        rtol, atol, stol, _ = snes.getTolerances()
+        if iteration == 0:
+            self._first, self._stalled, self._last = residual, 0, np.inf
+        energy = self._choice.energy
+        if energy is not None and iteration:
+            self._stalled = self._stalled + 1 if self._last - energy <= ROUNDING * abs(energy) else 0
+            self._last = energy
+        if not np.isfinite(residual):
+            return reasons.DIVERGED_FNORM_NAN
+        if residual <= atol:
+            return reasons.CONVERGED_FNORM_ABS
+        if iteration and residual <= rtol * self._first:
+            return reasons.CONVERGED_FNORM_RELATIVE
+        if iteration and step < stol * x:
+            return reasons.CONVERGED_SNORM_RELATIVE
+        if self._stalled >= 2 and residual <= POLISHED * atol:
+            return reasons.DIVERGED_LINE_SEARCH
+        return reasons.CONVERGED_ITERATING
 
     def _monitor(self, snes: Any, iteration: int, norm: float) -> None:
         if self.on_iteration is not None:

@@ -45,7 +45,8 @@ def pulled(comm, integrator, **how):
 
 
 def dense(matrix):
-    return matrix.convert("dense", out=PETSc.Mat()).getDenseArray()
+    made = matrix.convert("dense", out=PETSc.Mat())
+    return made.getDenseArray().copy()  # a view would not keep the matrix alive
 
 
 def dense_mass(body):
