@@ -7,7 +7,7 @@ SCENE ?= app/scenes/scattered_cube.toml
 RANKS ?= 2
 RESULTS ?= results/$(basename $(notdir $(SCENE)))
 
-packages := app meshes forms native
+packages := app forms meshes mpm native
 python := .venv/bin/python
 export OMP_NUM_THREADS ?= 1
 # Open MPI refuses to start as root (in a container, say) unless told twice

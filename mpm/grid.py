@@ -36,7 +36,9 @@ class Grid:
         start = np.empty(n + 1, dtype=np.int32)
         base = np.empty((n, d), dtype=np.int32)
         scratch = np.empty(3 * n + 1, dtype=np.uint64)
-        self.cells = kernel.call("sort", n, particles.position, particles.ident, h, self.box, order, start, base, scratch)
+        self.cells = kernel.call(
+            "sort", n, particles.position, particles.ident, h, self.box, order, start, base, scratch
+        )
         particles.reorder(order, kernel)
         self.start, self.base = start[: self.cells + 1], base[: self.cells]
         words = int(self.box.words)

@@ -96,8 +96,3 @@ def _argument(value: Any) -> Any:
 def box_for(dimension: int) -> Box | Box2:
     """An empty box."""
     return Box() if dimension == 3 else Box2()
-
-
-def zeros(count: int, components: int, like: np.dtype = np.dtype(np.float64)) -> NDArray:
-    """Node array (count, components) of zeros."""
-    return np.zeros((count, components), dtype=like)
