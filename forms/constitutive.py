@@ -86,7 +86,8 @@ class Constitutive:
 
         def fill() -> None:
             for group in self._groups:
-                varies = any(callable(v) for v in (*group.material.moduli.values(), *group.material.parameters.values()))
+                given = (*group.material.moduli.values(), *group.material.parameters.values())
+                varies = any(callable(value) for value in given)
                 x = group.positions if varies else np.zeros((1, 3))
                 group.values = np.ascontiguousarray(group.material.values(x, poisson_ratio, threshold))
 
@@ -100,7 +101,9 @@ class Constitutive:
             self._tangent = self.space.function_at_points((size, size))
         return self._tangent
 
-    def update(self, *, energy: bool = False, stress: bool = False, tangent: bool = False, project: bool = True) -> None:
+    def update(
+        self, *, energy: bool = False, stress: bool = False, tangent: bool = False, project: bool = True
+    ) -> None:
         """Evaluate what is asked for at the present displacement (ghosts of `space.u` up to date)."""
         self.space.gradient(self.gradient)
         size = self.space.dimension**2

@@ -107,7 +107,8 @@ class SnowProblem:
             "gravity": gravity is not None,
             "colliders": bool(colliders),
         }
-        self.effects: dict[str, dict[str, Any]] = {"snow": {}} | {k: {} for k, there in present.items() if there}
+        on = ["snow", *(name for name, there in present.items() if there)]
+        self.effects: dict[str, dict[str, Any]] = {name: {} for name in on}
         names = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
         self._events = {name: PETSc.Log.Event(f"snow:snow:{name}") for name in names}
         self._events |= {name: PETSc.Log.Event(f"snow:{name}") for name in ("implicit", "colliders")}
