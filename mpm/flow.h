@@ -31,9 +31,9 @@ static void eigen(double a[6][LANES], double q[3][3][LANES], double e[3][LANES])
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) EACH_LANE q[i][j][l] = i == j;
   for (int sweep = 0; sweep < 5; ++sweep) {
-    double off = 0;
-    EACH_LANE off += fabs(a[1][l]) + fabs(a[2][l]) + fabs(a[4][l]);
-    if (off == 0) break;
+    double off = 0; /* the largest of all lanes, relative to the lane's trace: a sweep squares it */
+    EACH_LANE off = fmax(off, (fabs(a[1][l]) + fabs(a[2][l]) + fabs(a[4][l])) / (a[0][l] + a[3][l] + a[5][l]));
+    if (off <= 1e-17) break;
     turn(a, q, 0, 1, 0, 3, 1, 2, 4);
     turn(a, q, 0, 2, 0, 5, 2, 1, 4);
     turn(a, q, 1, 2, 3, 5, 4, 1, 2);
