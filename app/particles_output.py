@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
@@ -122,11 +123,9 @@ def openvdb() -> Any:
     InputError
         Naming the package that provides it.
     """
-    try:
-        import openvdb as vdb
-    except ImportError:
+    for name in ("openvdb", "pyopenvdb"):
         try:
-            import pyopenvdb as vdb
+            return importlib.import_module(name)
         except ImportError:
-            raise InputError("[output] vdb = true: OpenVDB is not installed; apt install python3-openvdb") from None
-    return vdb
+            continue
+    raise InputError("[output] vdb = true: OpenVDB is not installed; apt install python3-openvdb")

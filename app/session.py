@@ -100,6 +100,7 @@ class _Session:
         self.output = Output(problem, scene.output, folder, self.counts)
         self.checkpoint_event = PETSc.Log.Event("session:checkpoint")
         self.plain_scene = scene.model_dump(mode="json")
+        self.scene_path: Path | None = None
         self.diagnostics: dict[str, float] = {}
         self.saved_step = -1
         self.wall_before = 0.0  # seconds spent before a restart
@@ -110,6 +111,7 @@ class _Session:
 
     def run(self, request: StopRequest, restart: Path | None, scene_path: Path | None) -> Outcome:
         status, reason = "finished", ""
+        self.scene_path = scene_path
         try:
             self._start(restart, scene_path)
             while not self.step_size.finished(self.problem.time):
@@ -329,6 +331,7 @@ class _Session:
             "versions": record.versions(),
             "petsc_options": record.petsc_options(),
             "scene": self.plain_scene,
+            "scene_file": None if self.scene_path is None else str(self.scene_path.resolve()),
         }
 
     def _write_end(self, facts: dict[str, Any]) -> str:

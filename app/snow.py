@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -106,7 +107,7 @@ def _turn(value: Any) -> NDArray:
 
 def colliders(scene: SnowScene) -> list[Collider]:
     """What the snow collides with, in the scene's order."""
-    return [_made(scene, "collider", i, lambda c=c: _collider(scene, c)) for i, c in enumerate(scene.collider)]
+    return [_made(scene, "collider", i, partial(_collider, scene, c)) for i, c in enumerate(scene.collider)]
 
 
 def _collider(scene: SnowScene, collider: snow_shapes.Collider) -> Collider:
@@ -139,40 +140,29 @@ def _level_sets(path: str, contact: Contact) -> DeformingLevelSet:
 
 def shape_of(scene: SnowScene, table: snow_shapes.Shape) -> Any:
     """The shape that a table describes."""
-    d = scene.dimension
-    axis = None if table.axis is None else np.eye(3)["xyz".index(table.axis)]
-
-    def height_field() -> HeightField:
-        assert table.low is not None and table.high is not None and table.surface is not None
-        top, height = table.high[-1], _height(table.surface, d)
-        return HeightField(lambda x: np.minimum(height(x), top), table.low[:-1], table.high[:-1], table.low[-1])
-
-    def text() -> Any:
+    d, t = scene.dimension, cast(Any, table)  # which keys are there has been checked
+    axis = None if t.axis is None else np.eye(3)["xyz".index(t.axis)]
+    if t.shape == "box":
+        return Box(t.low, t.high)
+    if t.shape == "sphere":
+        return Sphere(t.center, t.radius)
+    if t.shape == "cylinder":
+        return Cylinder(t.center, t.radius, t.length, (0, 0, 1) if axis is None else axis)
+    if t.shape == "half_space":
+        return HalfSpace(t.point, t.normal)
+    if t.shape == "wedge":
+        return Wedge(t.apex, t.width, t.height, t.length, edge=(0, 1, 0) if axis is None else axis)
+    if t.shape == "height_field":
+        top, height = t.high[-1], _height(t.surface, d)
+        return HeightField(lambda x: np.minimum(height(x), top), t.low[:-1], t.high[:-1], t.low[-1])
+    # these bring libraries of their own
+    if t.shape == "text":
         from extremal.mpm.text import Text
 
-        return Text(table.text, table.height, table.thickness, table.center)
+        return Text(t.text, t.height, t.thickness, t.center)
+    from extremal.mpm.surfaces import SurfaceMesh
 
-    def surface() -> Any:
-        from extremal.mpm.surfaces import SurfaceMesh
-
-        assert table.file is not None
-        return SurfaceMesh(scene.beside(table.file), table.scale, table.translation or (0.0,) * 3)
-
-    def wedge() -> Wedge:
-        named = {} if axis is None else {"edge": axis}
-        return Wedge(table.apex, table.width, table.height, table.length, **named)
-
-    makers: dict[str, Callable[[], Any]] = {
-        "box": lambda: Box(table.low, table.high),
-        "sphere": lambda: Sphere(table.center, table.radius),
-        "cylinder": lambda: Cylinder(table.center, table.radius, table.length, (0, 0, 1) if axis is None else axis),
-        "half_space": lambda: HalfSpace(table.point, table.normal),  # type: ignore[attr-defined]
-        "wedge": wedge,
-        "text": text,
-        "height_field": height_field,
-        "surface": surface,
-    }
-    return makers[table.shape]()  # type: ignore[attr-defined]
+    return SurfaceMesh(scene.beside(t.file), t.scale, t.translation or (0.0,) * 3)
 
 
 def _height(surface: float | str, d: int) -> Callable[[NDArray], NDArray]:

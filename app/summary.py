@@ -62,13 +62,13 @@ def draw(folder: Path) -> Path:
         If the picture cannot be written.
     """
     record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    history = _columns(folder / HISTORY)
-    iterations = _columns(folder / ITERATIONS)
+    history = columns(folder / HISTORY)
+    iterations = columns(folder / ITERATIONS)
     shapes = _shapes(folder, history)
 
     figure = Figure(figsize=(13.5, 6.4), dpi=110, facecolor="white")
     figure.text(0.02, 0.955, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
-    _write_verdict(figure, record)
+    write_verdict(figure, record)
     left = 0.66 if shapes else 0.08
     if shapes:
         _draw_shapes(figure, shapes)
@@ -85,7 +85,8 @@ def draw(folder: Path) -> Path:
     return path
 
 
-def _columns(path: Path) -> dict[str, NDArray[Any]]:
+def columns(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table, empty entries as not-a-number; none where there is no file."""
     if not path.exists():
         return {}
     names, rows = read_table(path)
@@ -253,7 +254,7 @@ def _draw_histories(
     history: Mapping[str, NDArray[Any]],
 ) -> None:
     x = table.get(along, np.zeros(0))
-    energies = [n for n in ("energy", "elastic_energy", "kinetic_energy") if _worth(table, n)]
+    energies = [n for n in ("energy", "elastic_energy", "kinetic_energy") if worth(table, n)]
     # a part that is the whole would hide it
     energies = [n for n in energies if n == "energy" or not np.array_equal(table[n], table.get("energy", ()))]
     for name in energies:
@@ -264,15 +265,15 @@ def _draw_histories(
         if len(energies) > 1:
             top.legend(fontsize=8, frameon=False)
     else:
-        _say_nothing(top, "no energy recorded")
+        say_nothing(top, "no energy recorded")
 
     drawn = False
-    if _worth(table, "residual"):
+    if worth(table, "residual"):
         bottom.plot(x, table["residual"], color="#1f77b4", lw=1.4)
         _logarithmic_if_wide(bottom, table["residual"])
         bottom.set_title("residual", fontsize=10, loc="left", color="#1f77b4")
         drawn = True
-    if _worth(table, "inverted", zero=True):
+    if worth(table, "inverted", zero=True):
         counts = table["inverted"]
         axes = bottom.twinx() if drawn else bottom
         axes.step(x, counts, where="post", color=INVERTED, lw=1.2)
@@ -282,13 +283,13 @@ def _draw_histories(
         axes.tick_params(axis="y", labelsize=8, colors=INVERTED)
         axes.set_title("inverted elements", fontsize=10, loc="right" if drawn else "left", color=INVERTED)
         drawn = True
-    elif _worth(history, "inverted", zero=True):  # counted after each step only
+    elif worth(history, "inverted", zero=True):  # counted after each step only
         first, last = history["inverted"][[0, -1]]
         bottom.set_title(
             f"inverted elements {first:.0f} → {last:.0f}", fontsize=10, loc="right", color=INVERTED
         )
     if not drawn:
-        _say_nothing(bottom, "no residual recorded")
+        say_nothing(bottom, "no residual recorded")
     bottom.set_xlabel(label, fontsize=9)
     for axes in (top, bottom):
         axes.grid(alpha=0.25)
@@ -300,7 +301,7 @@ def _draw_histories(
             axes.set_xlim(x[0], x[-1])
 
 
-def _worth(table: Mapping[str, NDArray[Any]], name: str, zero: bool = False) -> bool:
+def worth(table: Mapping[str, NDArray[Any]], name: str, zero: bool = False) -> bool:
     """Tell whether a column has anything to show: a number, and (unless `zero`) not only zeros."""
     values = table.get(name, np.zeros(0))
     finite = values[np.isfinite(values)]
@@ -317,7 +318,8 @@ def _logarithmic_if_wide(axes: Any, values: NDArray[Any]) -> None:
         axes.yaxis.set_major_locator(ticker.LogLocator(numticks=6))
 
 
-def _say_nothing(axes: Any, words: str) -> None:
+def say_nothing(axes: Any, words: str) -> None:
+    """Write `words` where there is nothing to plot."""
     axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="0.5", fontsize=9)
 
 
@@ -332,6 +334,8 @@ def verdict(record: Mapping[str, Any]) -> tuple[str, str, str]:
     words = [record["status"].upper()]
     if inverted is not None:
         words.append("no inverted element" if inverted == 0 else f"{inverted:,.0f} INVERTED")
+    if "particles" in found:
+        words.append(_count(found["particles"], "particle"))
     if "smallest_stretch" in found:
         words.append(f"smallest stretch {float(found['smallest_stretch']):.3g}")
     words.append(_count(record["solver_iterations"]["total"], "solver iteration"))
@@ -359,7 +363,8 @@ def _short(found: Any) -> str:
     return f"{found:.4g}" if isinstance(found, float) else str(found)
 
 
-def _write_verdict(figure: Figure, record: Mapping[str, Any]) -> None:
+def write_verdict(figure: Figure, record: Mapping[str, Any]) -> None:
+    """Write the verdict at the bottom of the figure."""
     headline, second, color = verdict(record)
     figure.text(0.02, 0.055, headline, fontsize=11.5, weight="bold", color=color, va="center")
     if second:

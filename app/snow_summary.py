@@ -1,0 +1,204 @@
+"""`summary.png` of a run of snow: the first and the last frame, energies, the solver's work, the verdict."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib import ticker
+from matplotlib.figure import Figure
+
+from . import snow
+from .errors import InputError
+from .results import HISTORY, RECORD, SCENE, SERIES, SUMMARY, atomic
+from .scene import read_toml, validate
+from .snow_picture import choose_view, draw_plane, draw_space
+from .summary import columns, say_nothing, worth, write_verdict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SIZE = (460, 520)  # of a picture [pixels]
+WIDE = (940, 250)  # of one where what happens is wide and low
+ENERGIES = {
+    "kinetic_energy": "#1f77b4",
+    "elastic_energy": "#2ca02c",
+    "gravitational_energy": "#8c564b",
+    "plastic_dissipation": "#ff7f0e",
+}
+
+
+def draw(folder: Path) -> Path:
+    """Draw the summary of a results folder and return its path.
+
+    Raises
+    ------
+    OutputError
+        If the picture cannot be written.
+    """
+    record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    history = columns(folder / HISTORY)
+    figure = Figure(figsize=(13.5, 6.4), dpi=110, facecolor="white")
+    figure.text(0.02, 0.955, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
+    write_verdict(figure, record)
+    frames = first_and_last(folder)
+    if frames:
+        _draw_pictures(figure, stage(record, folder), frames)
+    left = 0.70
+    top = figure.add_axes((left, 0.55, 0.96 - left, 0.31))
+    bottom = figure.add_axes((left, 0.13, 0.96 - left, 0.31))
+    _draw_energies(top, history)
+    _draw_work(bottom, history)
+    path = folder / SUMMARY
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png")
+    return path
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Particles at a time."""
+
+    title: str
+    time: float
+    points: NDArray[Any]  # (n, 3) [m]
+
+
+def first_and_last(folder: Path) -> list[Frame]:
+    """Return the first and the last frame that exist."""
+    if not (folder / SERIES).exists():
+        return []
+    index = ElementTree.parse(folder / SERIES)
+    entries = [(float(entry.get("timestep", 0)), entry.get("file", "")) for entry in index.iter("DataSet")]
+    wanted = [entries[0], entries[-1]] if len(entries) > 1 else entries
+    return [Frame(f"t = {time:.3g} s", time, read_points(folder / file)) for time, file in wanted]
+
+
+def read_points(path: Path) -> NDArray[Any]:
+    """Return the particles' positions (n, 3) [m] in a frame."""
+    import meshio
+
+    return np.asarray(meshio.vtu.read(str(path)).points, dtype=float)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a picture needs to know of the scene: spacing of particles [m], obstacles, dimension, where up is."""
+
+    spacing: float
+    colliders: list[Any]
+    dimension: int
+    up: NDArray[Any]
+
+
+def stage(record: Mapping[str, Any], folder: Path) -> Stage:
+    """Return what the pictures of a run show besides particles, from its record and its scene file."""
+    plain = record["scene"]
+    d, h = plain["grid"]["dimension"], plain["grid"]["cell_size"] / plain["scale"]
+    acceleration = np.zeros(3)
+    acceleration[:d] = (plain["gravity"] or {"acceleration": [0.0] * d})["acceleration"]
+    weight = float(np.linalg.norm(acceleration))
+    up = -acceleration / weight if weight else np.eye(3)[d - 1]
+    spacing = h / max(body["per_cell"] for body in plain["body"]) ** (1 / d)
+    return Stage(spacing, _colliders(record, folder), d, up)
+
+
+def _colliders(record: Mapping[str, Any], folder: Path) -> list[Any]:
+    try:
+        scene = validate(read_toml(folder / SCENE))
+        # files are beside the scene, not beside the results
+        scene._path = Path(record["scene_file"])
+        return snow.colliders(scene)
+    except (InputError, KeyError, TypeError):
+        return []  # a picture without obstacles is better than none
+
+
+def _draw_pictures(figure: Figure, seen: Stage, frames: list[Frame]) -> None:
+    extents = [_bounds(frame.points) for frame in frames]
+    whole = np.array([np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]])
+    sizes = [np.ptp(extent, axis=0).max() for extent in extents]
+    # one scale for both, unless what there is to see would become a speck
+    shared = np.ptp(whole, axis=0).max() <= 3.0 * min(sizes)
+    wide = len(frames) > 1 and shared and _is_wide(whole, seen)
+    size = WIDE if wide else SIZE
+    for i, frame in enumerate(frames):
+        place = (0.02, 0.51 - 0.40 * i, 0.63, 0.36) if wide else (0.02 + 0.325 * i, 0.11, 0.315, 0.76)
+        image = picture(frame, seen, whole if shared else extents[i], size)
+        axes = figure.add_axes(place)
+        axes.imshow(image, interpolation="none", aspect="equal")
+        axes.set_axis_off()
+        axes.set_title(frame.title, fontsize=11, pad=4)
+
+
+def picture(frame: Frame, seen: Stage, bounds: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
+    """Draw a frame; colours (height, width, 3)."""
+    if seen.dimension == 2:
+        return draw_plane(frame.points[:, :2], seen.spacing, seen.colliders, frame.time, bounds[:, :2], size)
+    view = choose_view(bounds, seen.colliders, frame.time, seen.up, size[0] / size[1])
+    return draw_space(frame.points, seen.spacing, seen.colliders, frame.time, view, size)
+
+
+def _bounds(points: NDArray[Any]) -> NDArray[Any]:
+    """Return corners (2, 3) of what holds nearly all particles: a few far ones shall not make the rest a speck."""
+    low, high = np.percentile(points, (0.5, 99.5), axis=0)
+    margin = 0.06 * max(float((high - low).max()), 1e-9)
+    return np.array([low - margin, high + margin])
+
+
+def _is_wide(bounds: NDArray[Any], seen: Stage) -> bool:
+    extent = np.ptp(bounds, axis=0)
+    rise = float(extent @ np.abs(seen.up))
+    across = np.delete(extent, int(np.argmax(np.abs(seen.up))))[: seen.dimension - 1]
+    return float(across.max()) > 2.5 * rise
+
+
+def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
+    time = history.get("time", np.zeros(0))
+    shown = [name for name in ENERGIES if worth(history, name)]
+    for name in shown:
+        values = history[name]
+        words = name.replace("_energy", "").replace("_", " ")
+        if name == "gravitational_energy":
+            values, words = values - np.nanmin(values), "gravitational (from its least)"
+        axes.plot(time, values, color=ENERGIES[name], lw=1.2, label=words)
+    if not shown:
+        say_nothing(axes, "no energy")
+        return
+    axes.set_title("energy [J]", fontsize=10, loc="left")
+    axes.legend(fontsize=8, frameon=False)
+    _finish(axes, time)
+
+
+def _draw_work(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
+    time = history.get("time", np.zeros(0))
+    axes.set_xlabel("time [s]", fontsize=9)
+    if worth(history, "krylov_iterations"):
+        axes.plot(time[1:], history["krylov_iterations"][1:], color="#1f77b4", lw=1.0)
+        axes.set_title("Krylov iterations of a step", fontsize=10, loc="left", color="#1f77b4")
+        axes.set_ylim(bottom=0)
+        axes.yaxis.set_major_locator(ticker.MaxNLocator(5, integer=True))
+        _finish(axes, time)
+        axes = axes.twinx()
+        axes.spines["top"].set_visible(False)
+    if worth(history, "dt"):
+        axes.plot(time[1:], 1e3 * history["dt"][1:], color="#9467bd", lw=1.0)
+        axes.set_title("step [ms]", fontsize=10, loc="right", color="#9467bd")
+        axes.set_ylim(bottom=0)
+        axes.tick_params(axis="y", labelsize=8, colors="#9467bd")
+
+
+def _finish(axes: Any, time: NDArray[Any]) -> None:
+    axes.grid(alpha=0.25)
+    axes.tick_params(labelsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    if len(time) > 1:
+        axes.set_xlim(time[0], time[-1])
