@@ -308,6 +308,12 @@ class Equations:
         self.mass.mult(self._work, self._product)
         return 0.5 * self._work.dot(self._product)
 
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        for used in (self.matrix, self.vector, self.load, self._work, self._product, self.mass):
+            if used is not None:
+                used.destroy()
+
 
 class _Constant:
     """A load that does not depend on time, assembled once."""

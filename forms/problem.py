@@ -391,3 +391,10 @@ class ElasticProblem:
         from .fields import fields
 
         return fields(self, names)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; solvers hold on to the problem, so that nothing else would."""
+        if self._newton is not None:
+            self._newton.destroy()
+        self.equations.destroy()
+        self._unknown.destroy()

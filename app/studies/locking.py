@@ -86,6 +86,7 @@ def bend(comm: MPI.Comm, poisson_ratio: float, degree: int, across: int) -> dict
     figures = problem.advance(1.0)
     seconds = time.perf_counter() - start
     state, geometry = problem.state(), problem.geometry()
+    problem.destroy()
     row: dict[str, Any] = {}
     if geometry is not None:
         end = np.isclose(geometry[0][:, 0], SIZE[0])

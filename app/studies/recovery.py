@@ -8,7 +8,6 @@ recovery.csv and are not run again. Under mpirun the runs are shared out; each i
 from __future__ import annotations
 
 import argparse
-import gc
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -254,8 +253,7 @@ def recover(domain: Domain, case: Case, cell_size: float) -> Row:
     except forms.StepFailure as error:
         end = str(error).partition(" after ")[0]
     seconds = time.process_time() - began
-    del body
-    gc.collect()
+    body.destroy()
     row = {
         "model": model,
         "start": start,

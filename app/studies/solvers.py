@@ -1,13 +1,13 @@
 """`extremal study solvers`: linear solvers in the kinds of problems Newton meets.
 
 The defaults of `forms.newton.REGIMES` come from this table. A cube of C2 Neo-Hookean material is untangled from a
-scattered start (ν = 0 first), or stretched by half, at small and at large ν. Finished runs are kept in solvers.csv.
+scattered start (ν = 0 first), or stretched by half, at small and at large ν; a slender bar is bent by a dead load
+at its end. Finished runs are kept in solvers.csv.
 """
 
 from __future__ import annotations
 
 import argparse
-import gc
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -33,15 +33,19 @@ class Kind:
 
     start: str
     poisson_ratio: float
-    stretch: float
+    stretch: float = 0.0
+    load: float = 0.0  # on the right end, downwards [Pa]; E = 1 Pa
+    length: float = 1.0  # [m]; the cross section is a unit square
 
 
 KINDS = {
-    "tangled, ν 0.45": Kind("scatter", 0.45, 0.0),
-    "tangled, ν 0.499": Kind("scatter", 0.499, 0.0),
-    "stretched, ν 0.3": Kind("rest", 0.3, 0.5),
-    "stretched, ν 0.49": Kind("rest", 0.49, 0.5),
-    "stretched, ν 0.499": Kind("rest", 0.499, 0.5),
+    "tangled, ν 0.45": Kind("scatter", 0.45),
+    "tangled, ν 0.499": Kind("scatter", 0.499),
+    "stretched, ν 0.3": Kind("rest", 0.3, stretch=0.5),
+    "stretched, ν 0.49": Kind("rest", 0.49, stretch=0.5),
+    "stretched, ν 0.499": Kind("rest", 0.499, stretch=0.5),
+    "bent bar, ν 0.3": Kind("rest", 0.3, load=2e-3, length=10.0),
+    "bent bar, ν 0.499": Kind("rest", 0.499, load=2e-3, length=10.0),
 }
 _CG = {"ksp_type": "cg", "ksp_max_it": 2000}
 SOLVERS: dict[str, dict[str, object]] = {
@@ -75,14 +79,16 @@ def _run(folder: Path, sizes: tuple[tuple[int, float], ...]) -> None:
     path = folder / "solvers.csv"
     rows = read_rows(path, COLUMNS)
     for degree, cell_size in sizes:
-        data = meshes.generate("box", size=[1.0, 1.0, 1.0], cell_size=cell_size)
-        domain = meshes.distribute(MPI.COMM_SELF, data)
-        done = {tuple(row[name] for name in ("problem", "element", "cells", "solver")) for row in rows}
-        for kind in KINDS:
-            for solver in SOLVERS:
-                if (kind, f"P{degree}", str(len(data.cells)), solver) not in done:
-                    rows.append(solve(domain, degree, kind, solver))
-                    write_rows(path, COLUMNS, rows)
+        for length in sorted({kind.length for kind in KINDS.values()}):
+            size = cell_size * length ** (1 / 3)  # as many cells for every length
+            data = meshes.generate("box", size=[length, 1.0, 1.0], cell_size=size)
+            domain = meshes.distribute(MPI.COMM_SELF, data)
+            done = {tuple(row[name] for name in ("problem", "element", "cells", "solver")) for row in rows}
+            for kind in (name for name, what in KINDS.items() if what.length == length):
+                for solver in SOLVERS:
+                    if (kind, f"P{degree}", str(len(data.cells)), solver) not in done:
+                        rows.append(solve(domain, degree, kind, solver))
+                        write_rows(path, COLUMNS, rows)
     print(machine())
     print(table(rows))
     print(path, flush=True)
@@ -136,6 +142,7 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
     if what.stretch:
         pull = lambda x, t: np.tile([what.stretch * t, 0.0, 0.0], (len(x), 1))  # noqa: E731
         prescribed.append(forms.Prescribed(boundary=("right",), components=(0, 1, 2), motion=pull))
+    load = lambda x, t: np.tile([0.0, 0.0, -what.load * t], (len(x), 1))  # noqa: E731
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     end, outcome = "converged", "solved"
     with _options(SOLVERS[solver]):
@@ -144,6 +151,7 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
             dict.fromkeys(domain.region_names, material),
             degree=degree,
             prescribed=prescribed,
+            tractions=[(("right",), load)] if what.load else [],
             stages=[forms.Stage(poisson_ratio=0.0)] if what.start == "scatter" else [],
         )
         how: dict[str, Any] = {"seed": 1} if what.start == "scatter" else {}
@@ -166,6 +174,5 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
         "seconds": f"{seconds:.2f}",
         "end": end,
     }
-    del body
-    gc.collect()
+    body.destroy()
     return {name: str(value) for name, value in row.items()}
