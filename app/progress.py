@@ -66,13 +66,14 @@ class Progress:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
         from rich.table import Column
 
-        one_line = Column(no_wrap=True)
         self.bar = Progress(
             TextColumn("{task.description}", table_column=Column(no_wrap=True, max_width=24)),
-            BarColumn(bar_width=16),
+            BarColumn(bar_width=8),
             TextColumn("{task.percentage:>3.0f}%"),
             TimeRemainingColumn(),
-            TextColumn("{task.fields[facts]}", markup=False, table_column=one_line),
+            # the facts have what the others leave of the line, however narrow the terminal
+            TextColumn("{task.fields[facts]}", markup=False, table_column=Column(no_wrap=True, ratio=1)),
+            expand=True,
         )
         self.task = self.bar.add_task(title.replace("[", "\\["), total=end - start, facts="")
         self.begin = start
