@@ -37,6 +37,7 @@ COMMANDS = {
     "snow": Command("snow_command", "run a scene of snow", True),
     "check": Command("check_command", "validate scenes without running them; lists all errors", False),
     "mesh": Command("mesh_command", "build, convert and check a mesh", False),
+    "render": Command("render_command", "draw pictures of the frames of a run of snow", False),
     "study": Command("study_command", "run a study: accuracy against time, pictures", True),
 }
 

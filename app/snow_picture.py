@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +27,7 @@ STONE = np.array([0.27, 0.31, 0.37])
 LIGHT = np.array([-0.55, -0.25, 0.80])
 ELEVATION = 16.0  # of the eye [degrees]
 AZIMUTHS = (-62.0, -118.0, -28.0, -152.0, 62.0, 118.0)  # where the eye may be, the first the best [degrees]
+MARGIN = 0.93  # part of the picture that is filled
 OPENING = 0.45  # half the picture's height over the distance from the eye
 SOLIDITY = 0.55  # optical depth of a cell of the light's grid full of snow
 FINER = 2  # pixels computed for each one shown, in each direction
@@ -46,30 +48,44 @@ class View:
 def choose_view(
     bounds: NDArray[Any], colliders: Sequence[Collider], time: float, up: NDArray[Any], aspect: float
 ) -> View:
-    """Return a view of all between `bounds` (2, 3) [m] with the eye outside of every obstacle and nothing between."""
-    middle = bounds.mean(axis=0)
-    reach = max(0.5 * float(np.linalg.norm(bounds[1] - bounds[0])), 1e-9)
-    distance = reach / (OPENING * min(1.0, aspect)) * 1.02
-    views = [_view(azimuth, middle, distance, reach, up) for azimuth in AZIMUTHS]
+    """Return a view of all between `bounds` (2, 3) [m] with the eye outside of every obstacle and nothing between.
+
+    Parameters
+    ----------
+    aspect : float
+        Width of the picture over its height.
+    """
+    views = [_view(azimuth, bounds, up, aspect) for azimuth in AZIMUTHS]
     for view in views:
-        line = view.eye + np.linspace(0.0, 0.75, 60)[:, None] * (middle - view.eye)
+        line = view.eye + np.linspace(0.0, 0.75, 60)[:, None] * (view.middle - view.eye)
         if all(np.all(collider.distance(line, time) > 0) for collider in colliders):
             return view
     return views[0]
 
 
-def _view(azimuth: float, middle: NDArray[Any], distance: float, reach: float, up: NDArray[Any]) -> View:
+def _view(azimuth: float, bounds: NDArray[Any], up: NDArray[Any], aspect: float) -> View:
     a, e = np.deg2rad(azimuth), np.deg2rad(ELEVATION)
-    first = np.eye(3)[np.argmin(np.abs(up - np.array([0.1, 0.2, 0.3])))]
-    if abs(up[2]) > 0.5:
-        first = np.array([1.0, 0.0, 0.0])
+    first = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < 0.7 else np.array([0.0, 1.0, 0.0])
     x = first - (first @ up) * up
     x /= np.linalg.norm(x)
-    y = np.cross(up, x)
-    back = np.cos(e) * (np.cos(a) * x + np.sin(a) * y) + np.sin(e) * up
+    back = np.cos(e) * (np.cos(a) * x + np.sin(a) * np.cross(up, x)) + np.sin(e) * up
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
-    return View(middle + distance * back, np.array([right, -back, np.cross(back, right)]), middle, reach)
+    axes = np.array([right, -back, np.cross(back, right)])
+
+    middle = bounds.mean(axis=0)
+    reach = max(0.5 * float(np.linalg.norm(bounds[1] - bounds[0])), 1e-9)
+    corners = (np.array(list(product(*bounds.T))) - middle) @ axes.T
+    half = MARGIN * OPENING * np.array([aspect, 1.0])
+    shift, distance = np.zeros(2), 2.0 * reach
+    for _ in range(20):  # the corners' picture is centred, and as large as fits
+        depth = distance + corners[:, 1]
+        seen = (corners[:, [0, 2]] - shift) / depth[:, None]
+        shift += 0.5 * (seen.max(axis=0) + seen.min(axis=0)) * distance
+        nearest = np.abs(corners[:, [0, 2]] - shift) / half - corners[:, 1:2]
+        distance = max(float(nearest.max()), 0.3 * reach - float(corners[:, 1].min()))
+    eye = middle + shift @ axes[[0, 2]] + distance * back
+    return View(eye, axes, middle, reach)
 
 
 def draw_space(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 SIZE = (460, 520)  # of a picture [pixels]
 WIDE = (940, 250)  # of one where what happens is wide and low
+WIDE_FROM = 2.2  # width over height
 ENERGIES = {
     "kinetic_energy": "#1f77b4",
     "elastic_energy": "#2ca02c",
@@ -73,14 +75,32 @@ class Frame:
     points: NDArray[Any]  # (n, 3) [m]
 
 
-def first_and_last(folder: Path) -> list[Frame]:
-    """Return the first and the last frame that exist."""
+def frame_list(folder: Path) -> list[tuple[float, str]]:
+    """Return times [s] and files of the frames that exist."""
     if not (folder / SERIES).exists():
         return []
     index = ElementTree.parse(folder / SERIES)
-    entries = [(float(entry.get("timestep", 0)), entry.get("file", "")) for entry in index.iter("DataSet")]
-    wanted = [entries[0], entries[-1]] if len(entries) > 1 else entries
-    return [Frame(f"t = {time:.3g} s", time, read_points(folder / file)) for time, file in wanted]
+    return [(float(entry.get("timestep", 0)), entry.get("file", "")) for entry in index.iter("DataSet")]
+
+
+def read_frame(folder: Path, entry: tuple[float, str]) -> Frame:
+    """Read a frame that `frame_list` names."""
+    time, file = entry
+    return Frame(f"t = {time:.3g} s", time, read_points(folder / file))
+
+
+def first_and_last(folder: Path) -> list[Frame]:
+    """Return the first and the last frame that exist."""
+    entries = frame_list(folder)
+    return [read_frame(folder, entry) for entry in (entries[:1] + entries[1:][-1:])]
+
+
+def overall_bounds(folder: Path) -> NDArray[Any]:
+    """Return corners (2, 3) [m] of what holds nearly all particles from the beginning to the end."""
+    entries = frame_list(folder)
+    chosen = sorted({0, len(entries) // 3, 2 * len(entries) // 3, len(entries) - 1})
+    extents = np.array([_bounds(read_frame(folder, entries[index]).points) for index in chosen])
+    return np.array([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
 
 
 def read_points(path: Path) -> NDArray[Any]:
@@ -155,10 +175,13 @@ def _bounds(points: NDArray[Any]) -> NDArray[Any]:
 
 
 def _is_wide(bounds: NDArray[Any], seen: Stage) -> bool:
-    extent = np.ptp(bounds, axis=0)
-    rise = float(extent @ np.abs(seen.up))
-    across = np.delete(extent, int(np.argmax(np.abs(seen.up))))[: seen.dimension - 1]
-    return float(across.max()) > 2.5 * rise
+    """Tell whether what is seen is much wider than high."""
+    if seen.dimension == 2:
+        across, rise = np.ptp(bounds, axis=0)[:2]
+    else:
+        view = choose_view(bounds, seen.colliders, 0.0, seen.up, 1.0)
+        across, _, rise = np.ptp(np.array(list(product(*bounds.T))) @ view.axes.T, axis=0)
+    return bool(across > WIDE_FROM * rise)
 
 
 def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
@@ -174,7 +197,7 @@ def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
         say_nothing(axes, "no energy")
         return
     axes.set_title("energy [J]", fontsize=10, loc="left")
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=8, framealpha=0.7, edgecolor="none")
     _finish(axes, time)
 
 

@@ -21,12 +21,12 @@ KNOWN = ", ".join(SHAPES)
 
 # (arguments, message); {here} is the folder of scene.toml and full/notes.txt
 CASES = [
-    ("", "a command is missing; one of elastic, snow, check, mesh, study (extremal --help explains them)"),
+    ("", "a command is missing; one of elastic, snow, check, mesh, render, study (extremal --help explains them)"),
     ("chekc", "chekc: unknown command; did you mean check?"),
-    ("dance", "dance: unknown command; known: elastic, snow, check, mesh, study"),
+    ("dance", "dance: unknown command; known: elastic, snow, check, mesh, render, study"),
     ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml or extremal snow scene.toml"),
-    ("--verbose", "--verbose: options come after the command, one of elastic, snow, check, mesh, study"),
-    ("-log_view elastic", "-log_view: options come after the command, one of elastic, snow, check, mesh, study"),
+    ("--verbose", "--verbose: options come after the command, one of elastic, snow, check, mesh, render, study"),
+    ("-log_view elastic", "-log_view: options come after the command, one of elastic, snow, check, mesh, render, study"),
     ("elastic", "elastic: SCENE is missing"),
     ("elastic --quiet", "elastic: SCENE is missing"),
     (
@@ -47,6 +47,9 @@ CASES = [
     ("elastic scene.toml --steps -3", "elastic: --steps: -3: must be a whole number of steps, 1 or more"),
     ("elastic scene.toml --steps many", "elastic: --steps: many: must be a whole number of steps, 1 or more"),
     ("elastic nothing.toml", "nothing.toml: no such file"),
+    ("render full", "full: is no results folder; run.json cannot be read"),
+    ("render full --size 3", "render: --size: 3: must be width x height from 16 to 8192, as 960x720"),
+    ("render full --every 0", "render: --every: 0: must be a whole number, 1 or more"),
     ("elastic .", ".: is a folder; give a scene file"),
     ("elastic scene.toml -options_file nothing", "-options_file nothing: no such file"),
     ("elastic scene.toml -options_file", "-options_file: needs a file"),

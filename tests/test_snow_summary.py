@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -96,6 +97,10 @@ def test_a_summary_is_drawn(text: str, tmp_path: Path) -> None:
     assert cli.main(["snow", str(path), "-o", str(tmp_path / "out"), "--quiet"]) == 0
     picture = tmp_path / "out" / "summary.png"
     assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 20_000
+    assert cli.main(["render", str(tmp_path / "out"), "--size", "64x48"]) == 0
+    frames = sorted((tmp_path / "out" / "pictures").iterdir())
+    assert [frame.name for frame in frames] == ["frame_00000.png", "frame_00001.png"]
+    assert matplotlib.image.imread(frames[0]).shape[:2] == (48, 64)
 
 
 def test_a_summary_is_drawn_of_a_run_that_failed_at_once(tmp_path: Path) -> None:
