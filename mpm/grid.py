@@ -11,6 +11,12 @@ from .kernel import Kernel, box_for
 from .particles import Particles
 
 
+def nowhere(ident: int, x: NDArray) -> FloatingPointError:
+    """What to raise for a particle that has no cell."""
+    place = ", ".join(f"{value:g}" for value in x)
+    return FloatingPointError(f"particle {ident} is at ({place}): must be finite and within 1e9 cells of the origin")
+
+
 class Grid:
     """Active nodes of this rank's particles, which it sorts by cell.
 
@@ -31,7 +37,7 @@ class Grid:
         bad = kernel.call("box", n, particles.position, h, self.box)
         if bad:
             x = particles.position[bad - 1]
-            raise FloatingPointError(f"particle {particles.ident[bad - 1]} is at {tuple(x)}")
+            raise nowhere(int(particles.ident[bad - 1]), x)
         order = np.empty(n, dtype=np.int32)
         start = np.empty(n + 1, dtype=np.int32)
         base = np.empty((n, d), dtype=np.int32)

@@ -13,13 +13,14 @@ from petsc4py import PETSc
 from . import implicit, kernel
 from .colliders import Collider, collide
 from .decomposition import Decomposition
-from .grid import Grid
+from .grid import Grid, nowhere
 from .law import Law, table
 from .particles import Particles
 from .sharing import Sharing
 
 LEAST_VOLUME_CHANGE = 0.1  # of det(1 + dt grad v): a step that squeezes a particle further is refused
 LARGEST_ROTATION = 1.0  # of any entry of dt grad v
+LARGEST_TRAVEL = 2.0  # of the Courant number allowed: a step that accelerates a particle further is refused
 REBALANCE = 1.3  # imbalance at which space is cut anew
 
 
@@ -89,6 +90,7 @@ class SnowProblem:
         self._colliders, self._beta, self._flip = tuple(colliders), beta, flip
         self._cfl, self._rebalance = cfl, rebalance
         d = particles.dimension
+        _check_places(comm, particles, cell_size)
         self._kernel = kernel.load(comm, d, spline)
         self._operator_kernel = self._kernel
         if beta and precision == "single":
@@ -134,7 +136,7 @@ class SnowProblem:
         with self._events["migrate"]:
             self._arrange()
         with self._events["grid"]:
-            grid = Grid(self._kernel, self.h, self.particles)
+            grid = self._grid()
             sharing = Sharing(grid, self._space)
         try:
             iterations = self._step(grid, sharing, dt)
@@ -144,6 +146,18 @@ class SnowProblem:
         self._nodes = self.comm.allreduce(len(sharing.node[sharing.owned]))
         self._figures = {"krylov_iterations": float(iterations), "dt": dt}
         return {"krylov_iterations": float(iterations), "wanted_step": self._longest_step()}
+
+    def _grid(self) -> Grid:
+        """This rank's grid; FloatingPointError on all ranks where one of them has a particle that is nowhere."""
+        grid, words = None, ""
+        try:
+            grid = Grid(self._kernel, self.h, self.particles)
+        except FloatingPointError as error:
+            words = str(error)
+        words = self.comm.allreduce(words, op=MPI.MAX)
+        if grid is None or words:
+            raise FloatingPointError(words)
+        return grid
 
     def _step(self, grid: Grid, sharing: Sharing, dt: float) -> int:
         p, d, n = self.particles, self.particles.dimension, sharing.count
@@ -203,9 +217,7 @@ class SnowProblem:
         p = self.particles
         grid.call(name, p.position, p.stretch, p.plastic, p.volume, p.stiffness, p.body, self._table, out)
 
-    def _implicit(
-        self, grid: Grid, sharing: Sharing, mass: NDArray, new: NDArray, free: NDArray, dt: float
-    ) -> int:
+    def _implicit(self, grid: Grid, sharing: Sharing, mass: NDArray, new: NDArray, free: NDArray, dt: float) -> int:
         operator = implicit.Operator(
             self.particles, grid, sharing, self._operator_kernel, self._table, mass, self._beta * dt**2, free
         )
@@ -223,9 +235,17 @@ class SnowProblem:
         self._kernel.call("look", len(velocity), gradient, float(dt), least, largest)
         J = self.comm.allreduce(float(least[0]), op=MPI.MIN)
         turn = self.comm.allreduce(float(largest[0]), op=MPI.MAX)
-        good = bool(np.isfinite(velocity).all()) and np.isfinite(J) | (len(velocity) == 0) and np.isfinite(turn)
+        fastest = float(np.abs(velocity).max(initial=0))
+        # nan does not survive a reduction: each rank looks at its own
+        good = np.isfinite(fastest) and np.isfinite(largest[0]) and (np.isfinite(least[0]) or not len(velocity))
         if not self.comm.allreduce(bool(good), op=MPI.LAND):
             raise StepFailure("velocities are not finite", dt / 4)
+        cells = self.comm.allreduce(fastest, op=MPI.MAX) * dt / self.h
+        if cells > LARGEST_TRAVEL * self._cfl:
+            raise StepFailure(
+                f"particles are accelerated across {cells:.2g} cells in dt {dt:.3g}",
+                dt * min(0.5, (self._cfl / cells) ** 0.5),
+            )
         if J < LEAST_VOLUME_CHANGE or turn > LARGEST_ROTATION:
             raise StepFailure(
                 f"a particle is deformed too much in dt {dt:.3g}: det(1 + dt grad v) = {J:.3g}, "
@@ -331,6 +351,7 @@ class SnowProblem:
             cuts = np.array_split(np.arange(len(arrays["ident"])), self.comm.size)
             parts = [Particles(**{name: np.ascontiguousarray(a[c]) for name, a in arrays.items()}) for c in cuts]
         particles = self.comm.scatter(parts)
+        _check_places(self.comm, particles, self.h)
         self._space = Decomposition(self.comm, self.h, particles)
         self.particles = self._space.migrate(particles)
         self._dissipated = dissipated
@@ -362,6 +383,17 @@ class SnowProblem:
         }
         points = {"points": np.pad(whole["position"], ((0, 0), (0, 3 - d)))}
         return points | {name: values for name, values in every.items() if names is None or name in names}
+
+
+def _check_places(comm: MPI.Comm, particles: Particles, h: float) -> None:
+    """Raise FloatingPointError on all ranks, naming a particle that is nowhere (collective)."""
+    bad = np.flatnonzero(~(np.abs(particles.position) < 1e9 * h).all(axis=1))
+    words = ""
+    if len(bad):
+        words = str(nowhere(int(particles.ident[bad[0]]), particles.position[bad[0]]))
+    worst = comm.allreduce(words, op=MPI.MAX)
+    if worst:
+        raise FloatingPointError(worst)
 
 
 def _stretches(packed: NDArray, d: int) -> NDArray:

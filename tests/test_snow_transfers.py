@@ -144,9 +144,14 @@ def test_the_gradient_of_a_rigid_rotation_is_exact_inside(d, spline):
 
 def collision(d, h=0.05):
     """Two snowballs that meet on a rough floor, without plastic flow: chaos does not amplify rounding."""
+    radius = 0.16 if d == 2 else 0.11
     p = together(
-        ball(d, h, 0.16, center=[-0.17] + [0.0] * (d - 2) + [0.17], velocity=[2.0] + [0.0] * (d - 2) + [-1.0]),
-        ball(d, h, 0.16, center=[0.17] + [0.02] * (d - 2) + [0.17], velocity=[-2.0] + [0.0] * (d - 2) + [-1.0]),
+        ball(
+            d, h, radius, center=[-0.01 - radius] + [0.0] * (d - 2) + [0.17], velocity=[2.0] + [0.0] * (d - 2) + [-1.0]
+        ),
+        ball(
+            d, h, radius, center=[0.01 + radius] + [0.02] * (d - 2) + [0.17], velocity=[-2.0] + [0.0] * (d - 2) + [-1.0]
+        ),
     )
     p.body[len(p) // 2 :] = 1
     p.stiffness[::3] = 1.5
@@ -205,15 +210,17 @@ def test_a_hundred_steps_are_the_same_on_any_number_of_ranks(comm, tight, d, bet
 def test_fifty_steps_and_fifty_more_after_a_restart_are_a_hundred(comm, d):
     p = collision(d)
     whole, first, second = (problem_of(comm, p, 1.0) for _ in range(3))
-    for _ in range(50):
+    half = 50 if d == 2 else 20
+    for _ in range(half):
         whole.advance(5e-4)
         first.advance(5e-4)
     second.restore(first.state())
     second.time = first.time
-    for _ in range(50):
+    for _ in range(half):
         whole.advance(5e-4)
         second.advance(5e-4)
-    worst = difference(second.state(), whole.state()) if comm.rank == 0 else 0.0
+    states = second.state(), whole.state()
+    worst = difference(*states) if comm.rank == 0 else 0.0
     assert comm.bcast(worst) < 1e-12
     assert second.diagnostics()["plastic_dissipation"] == pytest.approx(
         whole.diagnostics()["plastic_dissipation"], rel=1e-9, abs=1e-12
