@@ -6,6 +6,8 @@
 SCENE ?= app/scenes/scattered_cube.toml
 RANKS ?= 2
 RESULTS ?= results/$(basename $(notdir $(SCENE)))
+# the scene says which command runs it
+PART = $(or $(shell sed -n 's/^part *= *"\([a-z]*\)".*/\1/p' $(SCENE)),elastic)
 
 packages := app forms meshes mpm native
 python := .venv/bin/python
@@ -26,7 +28,7 @@ parallel_pytest := $(python) -m pytest -p no:cacheprovider --color=no
 
 run: setup
 	rm -rf $(RESULTS)
-	$(mpirun) -n $(RANKS) .venv/bin/extremal elastic $(SCENE) -o $(RESULTS)
+	$(mpirun) -n $(RANKS) .venv/bin/extremal $(PART) $(SCENE) -o $(RESULTS)
 
 test: lint
 	$(pytest) -m "not long" --durations=10 --durations-min=5
@@ -50,7 +52,7 @@ lint: setup-dev
 docs: setup
 	./setup.sh docs
 	$(python) -m pdoc -o build/docs --docformat numpy $(packages:%=extremal.%)
-	@echo "API reference: build/docs/index.html; the guide is docs/README.md"
+	@echo "API reference: build/docs/index.html; the guide: README.md and docs/*.md"
 
 clean:
 	rm -rf build results .venv *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
