@@ -9,6 +9,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from .grid import nowhere
 from .particles import Particles
 
 BLOCK = 4  # cells of a block in each direction
@@ -131,6 +132,17 @@ class Decomposition:
         swarm.restoreField("particle")
         swarm.destroy()
         return _unpack(arrived, particles)
+
+
+def check_places(comm: MPI.Comm, particles: Particles, h: float) -> None:
+    """Raise FloatingPointError on all ranks, naming a particle that is nowhere (collective)."""
+    bad = np.flatnonzero(~(np.abs(particles.position) < 1e9 * h).all(axis=1))
+    words = ""
+    if len(bad):
+        words = str(nowhere(int(particles.ident[bad[0]]), particles.position[bad[0]]))
+    worst = comm.allreduce(words, op=MPI.MAX)
+    if worst:
+        raise FloatingPointError(worst)
 
 
 def _pack(particles: Particles) -> NDArray:

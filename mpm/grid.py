@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import Kernel, box_for
+from .kernel import NODES, Kernel, box_for
 from .particles import Particles
+
+# A bit for each node of the box around the particles is the fastest way to number them, as long as the box has at most
+# this many 64-bit words, or this many a particle. Far-flung particles beyond it are numbered by sorting.
+MOST_WORDS = 1 << 22
+WORDS_PER_PARTICLE = 16
 
 
 def nowhere(ident: int, x: NDArray) -> FloatingPointError:
@@ -38,6 +44,9 @@ class Grid:
         if bad:
             x = particles.position[bad - 1]
             raise nowhere(int(particles.ident[bad - 1]), x)
+        self._sides = [int(self.box.nodes[k]) for k in range(d)]
+        if prod(self._sides) >= 1 << 62:
+            raise FloatingPointError(f"particles are spread over {' x '.join(map(str, self._sides))} cells: too far")
         order = np.empty(n, dtype=np.int32)
         start = np.empty(n + 1, dtype=np.int32)
         base = np.empty((n, d), dtype=np.int32)
@@ -47,9 +56,15 @@ class Grid:
         )
         particles.reorder(order, kernel)
         self.start, self.base = start[: self.cells + 1], base[: self.cells]
-        words = int(self.box.words)
-        for k in range(d - 1):
-            words *= int(self.box.nodes[k])
+        self._keys: NDArray | None = None  # of all nodes, where they are numbered by sorting
+        words = int(self.box.words) * prod(self._sides[:-1])
+        if words > max(MOST_WORDS, WORDS_PER_PARTICLE * n):
+            self._number_by_sorting()
+        else:
+            self._number_by_bits(words)
+
+    def _number_by_bits(self, words: int) -> None:
+        kernel, d = self.kernel, self.kernel.dimension
         self._bits = np.zeros(words + 1, dtype=np.uint64)
         self._offset = np.zeros(words + 1, dtype=np.int32)
         self.count = kernel.call("number", self.cells, self.base, self.box, self._bits, self._offset)
@@ -57,12 +72,33 @@ class Grid:
         self.node = np.empty((self.count, d), dtype=np.int32)
         kernel.call("rows", self.cells, self.base, self.box, self._bits, self._offset, self.rows, self.node)
 
+    def _number_by_sorting(self) -> None:
+        d, width = self.kernel.dimension, NODES[self.kernel.spline]
+        steps = np.indices((width,) * d).reshape(d, -1).T
+        touched = self._key(self.base[:, None, :] + steps)
+        self._keys, number = np.unique(touched, return_inverse=True)
+        self.count = len(self._keys)
+        self.rows = np.ascontiguousarray(number.reshape(self.cells, -1)[:, ::width], dtype=np.int32)
+        self.node = np.column_stack(np.unravel_index(self._keys, self._sides)).astype(np.int32)
+        self.node += np.array(self.box.low[:d], dtype=np.int32)
+
+    def _key(self, nodes: NDArray) -> NDArray:
+        """Where nodes (..., d) of the box stand in the order of numbering, gaps included."""
+        away = np.moveaxis(nodes.astype(np.int64) - np.array(self.box.low[: self.kernel.dimension]), -1, 0)
+        return np.ravel_multi_index(tuple(away), self._sides)
+
     def zeros(self, components: int = 0, dtype: Any = float) -> NDArray:
         """A node array of zeros: (count, components), or (count,)."""
         return np.zeros((self.count, components) if components else self.count, dtype=dtype)
 
     def find(self, nodes: NDArray) -> NDArray:
         """Numbers of nodes given by their places (q, d) int32; -1 where there is none."""
+        if self._keys is not None:
+            low = np.array(self.box.low[: self.kernel.dimension], dtype=np.int64)
+            inside = ((nodes >= low) & (nodes < low + self._sides)).all(axis=1)
+            key = self._key(np.where(inside[:, None], nodes, low))
+            at = np.minimum(np.searchsorted(self._keys, key), self.count - 1)
+            return np.where(inside & (self._keys[at] == key), at, -1).astype(np.int32)
         number = np.empty(len(nodes), dtype=np.int32)
         self.kernel.call("find", len(nodes), nodes, self.box, self._bits, self._offset, number)
         return number

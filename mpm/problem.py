@@ -12,8 +12,8 @@ from petsc4py import PETSc
 
 from . import implicit, kernel
 from .colliders import Collider, collide
-from .decomposition import Decomposition
-from .grid import Grid, nowhere
+from .decomposition import Decomposition, check_places
+from .grid import Grid
 from .law import Law, table
 from .particles import Particles
 from .sharing import Sharing
@@ -90,7 +90,7 @@ class SnowProblem:
         self._colliders, self._beta, self._flip = tuple(colliders), beta, flip
         self._cfl, self._rebalance = cfl, rebalance
         d = particles.dimension
-        _check_places(comm, particles, cell_size)
+        check_places(comm, particles, cell_size)
         self._kernel = kernel.load(comm, d, spline)
         self._operator_kernel = self._kernel
         if beta and precision == "single":
@@ -351,7 +351,7 @@ class SnowProblem:
             cuts = np.array_split(np.arange(len(arrays["ident"])), self.comm.size)
             parts = [Particles(**{name: np.ascontiguousarray(a[c]) for name, a in arrays.items()}) for c in cuts]
         particles = self.comm.scatter(parts)
-        _check_places(self.comm, particles, self.h)
+        check_places(self.comm, particles, self.h)
         self._space = Decomposition(self.comm, self.h, particles)
         self.particles = self._space.migrate(particles)
         self._dissipated = dissipated
@@ -383,17 +383,6 @@ class SnowProblem:
         }
         points = {"points": np.pad(whole["position"], ((0, 0), (0, 3 - d)))}
         return points | {name: values for name, values in every.items() if names is None or name in names}
-
-
-def _check_places(comm: MPI.Comm, particles: Particles, h: float) -> None:
-    """Raise FloatingPointError on all ranks, naming a particle that is nowhere (collective)."""
-    bad = np.flatnonzero(~(np.abs(particles.position) < 1e9 * h).all(axis=1))
-    words = ""
-    if len(bad):
-        words = str(nowhere(int(particles.ident[bad[0]]), particles.position[bad[0]]))
-    worst = comm.allreduce(words, op=MPI.MAX)
-    if worst:
-        raise FloatingPointError(worst)
 
 
 def _stretches(packed: NDArray, d: int) -> NDArray:

@@ -174,6 +174,25 @@ def test_single_precision_loops_agree_to_single_precision(d, spline):
 
 
 @pytest.mark.parametrize("d, spline", BOTH)
+def test_numbering_by_sorting_is_numbering_by_bits(d, spline, monkeypatch):
+    x = np.random.default_rng(5).normal(size=(500, d)) * 5 * H
+    one, _ = laid_out(Particles.at(x, 1.0), H, spline)
+    monkeypatch.setattr("extremal.mpm.grid.MOST_WORDS", 0)
+    monkeypatch.setattr("extremal.mpm.grid.WORDS_PER_PARTICLE", 0)
+    two, _ = laid_out(Particles.at(x, 1.0), H, spline)
+    assert one._keys is None and two._keys is not None
+    for name in ("count", "cells", "start", "base", "rows", "node"):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+    asked = np.random.default_rng(6).integers(-60, 60, (2000, d)).astype(np.int32)
+    assert np.array_equal(one.find(asked), two.find(asked))
+
+
+def test_particles_too_far_apart_for_any_numbering_are_refused():
+    with pytest.raises(FloatingPointError, match=r"spread over \d+ x \d+ x \d+ cells"):
+        laid_out(Particles.at([[-9e7] * 3, [9e7] * 3], 1.0), 0.1001, "cubic")
+
+
+@pytest.mark.parametrize("d, spline", BOTH)
 def test_stray_particles_do_not_cost_the_box_around_them(d, spline):
     far = np.vstack([np.zeros(d), np.full(d, 1e5 * H), [-3e5 * H] + [2e5 * H] * (d - 1), np.full(d, 0.1 * H)])
     p = Particles.at(far, 1.0)
