@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import basix
@@ -12,7 +15,7 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native"]}
+_OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native"], "timeout": 60}  # seconds to wait for another process
 _NEW = hasattr(fem, "functionspace")
 _CELLS = {2: basix.CellType.triangle, 3: basix.CellType.tetrahedron}
 
@@ -61,12 +64,24 @@ def edges(dimension: int) -> list[list[int]]:
 
 def form(expression: Any) -> Any:
     """Compiled form."""
-    return fem.form(expression, **{("jit_options" if _NEW else "jit_params"): _OPTIONS})
+    return _compiled(fem.form, expression)
 
 
 def expression(what: Any, points: NDArray) -> Any:
     """Compiled expression at reference points."""
-    return fem.Expression(what, points, **{("jit_options" if _NEW else "jit_params"): _OPTIONS})
+    return _compiled(fem.Expression, what, points)
+
+
+def _compiled(make: Callable[..., Any], *arguments: Any) -> Any:
+    options: dict[str, Any] = {("jit_options" if _NEW else "jit_params"): _OPTIONS}
+    try:
+        return make(*arguments, **options)
+    except (TimeoutError, RuntimeError) as error:  # in parallel all ranks have the latter, the first one the reason
+        # a compilation that was killed leaves its source, which FFCx takes for one that goes on
+        left = re.search(r"remove (.+\.c)\)", str(error))
+        if left:
+            Path(left[1]).unlink(missing_ok=True)
+        return make(*arguments, **options)
 
 
 def evaluate(compiled: Any, mesh: Any, cells: NDArray) -> NDArray:
