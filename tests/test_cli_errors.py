@@ -26,7 +26,10 @@ CASES = [
     ("dance", "dance: unknown command; known: elastic, snow, check, mesh, render, study"),
     ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml or extremal snow scene.toml"),
     ("--verbose", "--verbose: options come after the command, one of elastic, snow, check, mesh, render, study"),
-    ("-log_view elastic", "-log_view: options come after the command, one of elastic, snow, check, mesh, render, study"),
+    (
+        "-log_view elastic",
+        "-log_view: options come after the command, one of elastic, snow, check, mesh, render, study",
+    ),
     ("elastic", "elastic: SCENE is missing"),
     ("elastic --quiet", "elastic: SCENE is missing"),
     (
