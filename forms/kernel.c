@@ -236,6 +236,11 @@ long extremal_evaluate(long n, long per_cell, const double *grad, const double *
     if (!left) continue;
 #endif
     for (int k = 0; k < DD; ++k) LANES F[k][l] = G[k][l] + (k % (D + 1) == 0);
+    LANES { /* 1 + grad u is known to 1e-16: the rotation of less than 1e-12 would be that of rounding */
+      double size = 0;
+      for (int k = 0; k < DD; ++k) size += F[k][l] * F[k][l];
+      for (int k = 0; k < DD; ++k) F[k][l] = size < 1e-24 ? 0 : F[k][l];
+    }
     singular_values(F, U, s, V);
     for (int l = 0; l < count; ++l) {
       if (done[l]) continue;
