@@ -170,7 +170,7 @@ def difference(one, two):
     return max(float(np.abs(one[k] - two[k]).max() / np.abs(two[k]).max()) for k in COLUMNS)
 
 
-TIGHT = {"snow_ksp_rtol": 1e-13, "snow_ksp_max_it": 500}
+TIGHT = {"snow_ksp_rtol": 1e-12, "snow_ksp_max_it": 500}
 
 
 @pytest.fixture
@@ -183,7 +183,7 @@ def tight():
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("d, beta", [(2, 0.0), (2, 0.5), (2, 1.0), (3, 1.0)])
+@pytest.mark.parametrize("d, beta", [(2, 0.0), (2, 1.0), (3, 1.0)])
 def test_a_hundred_steps_are_the_same_on_any_number_of_ranks(comm, tight, d, beta):
     p = collision(d)
     many = problem_of(comm, p, beta)
