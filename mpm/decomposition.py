@@ -26,6 +26,7 @@ class Decomposition:
 
     def __init__(self, comm: MPI.Comm, h: float, particles: Particles) -> None:
         self.comm, self.h, self._dimension = comm, h, particles.dimension
+        _check_places(comm, particles, h)
         self._cut(particles)
 
     def _cut(self, particles: Particles) -> None:
@@ -102,7 +103,8 @@ class Decomposition:
         """Send every particle to the owner of its cell (collective); a DMSwarm of type BASIC carries them."""
         if self.comm.size == 1:
             return particles
-        rank = self.owner(np.floor(particles.position / self.h).astype(np.int64))
+        with np.errstate(invalid="ignore"):  # the grid refuses what is nowhere
+            rank = self.owner(np.floor(particles.position / self.h).astype(np.int64))
         leaving = np.flatnonzero(rank != self.comm.rank)
         if self.comm.allreduce(len(leaving)) == 0:
             return particles
@@ -134,7 +136,7 @@ class Decomposition:
         return _unpack(arrived, particles)
 
 
-def check_places(comm: MPI.Comm, particles: Particles, h: float) -> None:
+def _check_places(comm: MPI.Comm, particles: Particles, h: float) -> None:
     """Raise FloatingPointError on all ranks, naming a particle that is nowhere (collective)."""
     bad = np.flatnonzero(~(np.abs(particles.position) < 1e9 * h).all(axis=1))
     words = ""

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from . import implicit, kernel
 from .colliders import Collider, collide
-from .decomposition import Decomposition, check_places
+from .decomposition import Decomposition
 from .grid import Grid
 from .law import Law, table
 from .particles import Particles
@@ -90,7 +90,6 @@ class SnowProblem:
         self._colliders, self._beta, self._flip = tuple(colliders), beta, flip
         self._cfl, self._rebalance = cfl, rebalance
         d = particles.dimension
-        check_places(comm, particles, cell_size)
         self._kernel = kernel.load(comm, d, spline)
         self._operator_kernel = self._kernel
         if beta and precision == "single":
@@ -351,7 +350,6 @@ class SnowProblem:
             cuts = np.array_split(np.arange(len(arrays["ident"])), self.comm.size)
             parts = [Particles(**{name: np.ascontiguousarray(a[c]) for name, a in arrays.items()}) for c in cuts]
         particles = self.comm.scatter(parts)
-        check_places(self.comm, particles, self.h)
         self._space = Decomposition(self.comm, self.h, particles)
         self.particles = self._space.migrate(particles)
         self._dissipated = dissipated
