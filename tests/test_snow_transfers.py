@@ -256,7 +256,7 @@ def test_fewer_particles_than_ranks_or_blocks_lose_nobody(comm, d, count):
     p = Particles.at(rng.uniform(0, 0.1, (count, d)), 1.0, rng.normal(size=(count, d)) * 2)
     problem = SnowProblem(comm, share(p, comm), [Law()], cell_size=0.05, beta=1.0)
     alone = SnowProblem(MPI.COMM_SELF, p.take(np.arange(count)), [Law()], cell_size=0.05, beta=1.0)
-    for _ in range(100):
+    for _ in range(50):
         problem.advance(4e-3)
         alone.advance(4e-3)
     assert problem.diagnostics()["particles"] == count
@@ -271,7 +271,7 @@ def test_space_is_cut_anew_when_a_rank_has_too_many(comm):
     h = 0.05
     p = together(ball(2, h, 0.15), ball(2, h, 0.15, center=[0.31, 0], velocity=[0.0, 20.0]))
     problem = SnowProblem(comm, share(p, comm), [Law()], cell_size=h, beta=1.0, rebalance=1.2)
-    for _ in range(120):
+    for _ in range(80):
         problem.advance(1e-3)
         figures = problem.diagnostics()
         assert figures["particles"] == len(p)
