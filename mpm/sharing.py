@@ -81,6 +81,11 @@ class Sharing:
         """Add what other ranks have at a node to its owner's value, in place."""
         if self.sf is None:
             return
+        if values.dtype != np.float64:  # a PetscSF adds in PETSc's own precision only
+            wide = values.astype(np.float64)
+            self.sum_to_owners(wide)
+            values[:] = wide
+            return
         unit, leaves = self._unit(values), values.copy()
         self.sf.reduceBegin(unit, leaves, values, MPI.SUM)
         self.sf.reduceEnd(unit, leaves, values, MPI.SUM)

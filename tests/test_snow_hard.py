@@ -253,3 +253,21 @@ def test_conjugate_residuals_need_few_iterations_whatever_the_cell_size(capsys):
         with capsys.disabled():
             print(f"\nCR at dt 5e-4, h {h}: {len(p)} particles, mean {found[h][1]:.1f}, most {found[h][2]:.0f}", end="")
     assert all(2 <= most <= 60 for _, _, most in found.values())
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_single_precision_operator_hardly_changes_the_answer(comm, d):
+    """The solve's tolerance is 1e-3; the operator's rounding is far below it."""
+    places = []
+    for precision in ("double", "single"):
+        p = ball(d, H, 0.11, velocity=[0.0] * (d - 1) + [-3.0])
+        p.position[:, -1] += 0.13
+        floor = Rigid(HalfSpace([0.0] * d, [0.0] * (d - 1) + [1.0]), Contact(friction=0.3))
+        law = Law("fixed_corotated")
+        made = problem(share(p, comm), law, comm=comm, colliders=[floor], precision=precision)
+        for _ in range(20):
+            made.advance(5e-4)
+        places.append(made.state().get("position"))
+    away = np.abs(places[0] - places[1]).max() / H if comm.rank == 0 else 0.0
+    assert comm.bcast(away) < 1e-4
