@@ -371,7 +371,8 @@ class SnowProblem:
         d = self.particles.dimension
         ends = _stretches(whole["stretch"], d)
         elastic = ends.prod(axis=1)
-        volume = np.where(whole["volume"] > 0, whole["volume"], 1.0) * elastic * whole["plastic"]
+        nominal = np.array([law.density for law in self.laws])[whole["body"]]  # until volumes are measured
+        volume = np.where(whole["volume"] > 0, whole["volume"], whole["mass"] / nominal) * elastic * whole["plastic"]
         every = {
             "velocity": np.pad(whole["velocity"], ((0, 0), (0, 3 - d))),
             "J_P": whole["plastic"],
