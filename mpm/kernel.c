@@ -29,11 +29,11 @@ void extremal_to_grid(int64_t cells, const int32_t *start, const int32_t *rows, 
       q.part[PARTS - 1] = (Vector){0};
       spline_at(x + D * p, inverse, &s);
       for (int k = 0; k < N; ++k) {
-        qm[k] = s.w[D - 1][k] * (REAL)mass[p];
+        qm[k] = s.w[k] * (REAL)mass[p];
         for (int d = 0; d < D; ++d) q.at[D * k + d] = qm[k] * (REAL)velocity[D * p + d];
       }
       for (int r = 0; r < ROWS; ++r) {
-        const REAL w = row_weight(&s, r);
+        const REAL w = s.row[r];
         for (int k = 0; k < N; ++k) masses[r][k] += w * qm[k];
         EACH_PART block[r].part[v] += w * q.part[v];
       }
@@ -57,7 +57,7 @@ void extremal_density(int64_t cells, const int32_t *start, const int32_t *rows, 
     spline_at(x + D * p, inverse, &s);
     for (int r = 0; r < ROWS; ++r)
       for (int k = 0; k < N; ++k)
-        sum += row_weight(&s, r) * s.w[D - 1][k] * node_mass[rows[ROWS * c + r] + k];
+        sum += s.row[r] * s.w[k] * node_mass[rows[ROWS * c + r] + k];
     density[p] = sum / volume;
   }
 }
@@ -128,9 +128,9 @@ void extremal_diagonal(int64_t cells, const int32_t *start, const int32_t *rows,
       spline_at(x + D * p, inverse, &s);
       for (int r = 0; r < ROWS; ++r)
         for (int k = 0; k < N; ++k) {
-          double g[3] = {row_slope0(&s, r) * s.w[D - 1][k], 0, 0}, all = 0;
-          if (D == 3) g[1] = row_slope1(&s, r) * s.w[D - 1][k];
-          g[D - 1] = row_weight(&s, r) * s.dw[D - 1][k];
+          double g[3] = {s.slope0[r] * s.w[k], 0, 0}, all = 0;
+          if (D == 3) g[1] = s.slope1[r] * s.w[k];
+          g[D - 1] = s.row[r] * s.dw[k];
           for (int d = 0; d < D; ++d) all += g[d] * g[d];
           for (int d = 0; d < D; ++d) block[r].at[D * k + d] += (REAL)(mu * all + dilation * g[d] * g[d]);
         }
@@ -158,12 +158,12 @@ void extremal_to_particles(int64_t cells, const int32_t *start, const int32_t *r
       gradient(&s, now, g);
       for (int e = 0; e < D * D; ++e) grad[D * D * p + e] = g[e];
       for (int r = 0; r < ROWS; ++r) {
-        const REAL w = row_weight(&s, r);
+        const REAL w = s.row[r];
         EACH_PART sum.part[v] += w * mixed[r].part[v];
       }
       for (int d = 0; d < D; ++d) {
         REAL total = 0;
-        for (int k = 0; k < N; ++k) total += s.w[D - 1][k] * sum.at[D * k + d];
+        for (int k = 0; k < N; ++k) total += s.w[k] * sum.at[D * k + d];
         velocity[D * p + d] = flip * velocity[D * p + d] + total;
       }
     }

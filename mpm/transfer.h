@@ -22,24 +22,37 @@ typedef union {
 #define EACH_PART for (int v = 0; v < PARTS; ++v)
 
 typedef struct {
-  REAL w[D][N], dw[D][N]; /* weights, and derivatives times 1/h */
+  REAL w[N], dw[N]; /* of the last direction: weights, and derivatives times 1/h */
+  /* of each row: weight, and its derivative in each of the slow directions */
+  REAL row[ROWS], slope0[ROWS], slope1[ROWS];
 } Spline;
 
 static inline void spline_at(const double *x, double inverse_h, Spline *s) {
+  REAL w[D][N], dw[D][N];
   for (int d = 0; d < D; ++d) {
-    double w[N], dw[N];
-    weights(x[d] * inverse_h, w, dw);
+    double exact[N], slope[N];
+    weights(x[d] * inverse_h, exact, slope);
     for (int a = 0; a < N; ++a) {
-      s->w[d][a] = (REAL)w[a];
-      s->dw[d][a] = (REAL)(dw[a] * inverse_h);
+      w[d][a] = (REAL)exact[a];
+      dw[d][a] = (REAL)(slope[a] * inverse_h);
     }
   }
+  for (int a = 0; a < N; ++a) {
+    s->w[a] = w[D - 1][a];
+    s->dw[a] = dw[D - 1][a];
+#if D == 3
+    for (int b = 0; b < N; ++b) {
+      s->row[N * a + b] = w[0][a] * w[1][b];
+      s->slope0[N * a + b] = dw[0][a] * w[1][b];
+      s->slope1[N * a + b] = w[0][a] * dw[1][b];
+    }
+#else
+    s->row[a] = w[0][a];
+    s->slope0[a] = dw[0][a];
+    s->slope1[a] = 0;
+#endif
+  }
 }
-
-/* coefficient of row r: weight, and its derivative in each of the slow directions */
-static inline REAL row_weight(const Spline *s, int r) { return D == 3 ? s->w[0][r / N] * s->w[1][r % N] : s->w[0][r]; }
-static inline REAL row_slope0(const Spline *s, int r) { return D == 3 ? s->dw[0][r / N] * s->w[1][r % N] : s->dw[0][r]; }
-static inline REAL row_slope1(const Spline *s, int r) { return s->w[0][r / N] * s->dw[1][r % N]; }
 
 static inline void gather(const REAL *nodes, const int32_t *rows, Row *block) {
   EACH_ROW {
@@ -64,9 +77,9 @@ static inline void gradient(const Spline *s, const Row *block, REAL *g) {
   Row a0, a1, a2;
   EACH_PART a0.part[v] = a1.part[v] = a2.part[v] = (Vector){0};
   EACH_ROW {
-    const REAL w = row_weight(s, r), w0 = row_slope0(s, r);
+    const REAL w = s->row[r], w0 = s->slope0[r];
 #if D == 3
-    const REAL w1 = row_slope1(s, r);
+    const REAL w1 = s->slope1[r];
     EACH_PART a1.part[v] += w1 * block[r].part[v];
 #endif
     EACH_PART {
@@ -77,9 +90,9 @@ static inline void gradient(const Spline *s, const Row *block, REAL *g) {
   for (int c = 0; c < D; ++c) {
     REAL s0 = 0, s1 = 0, s2 = 0;
     for (int k = 0; k < N; ++k) {
-      s0 += s->w[D - 1][k] * a0.at[D * k + c];
-      s1 += s->w[D - 1][k] * a1.at[D * k + c];
-      s2 += s->dw[D - 1][k] * a2.at[D * k + c];
+      s0 += s->w[k] * a0.at[D * k + c];
+      s1 += s->w[k] * a1.at[D * k + c];
+      s2 += s->dw[k] * a2.at[D * k + c];
     }
     g[D * c] = s0;
     if (D == 3) g[D * c + 1] = s1;
@@ -93,14 +106,14 @@ static inline void add_force(const Spline *s, const REAL *t, Row *block) {
   q0.part[PARTS - 1] = q1.part[PARTS - 1] = q2.part[PARTS - 1] = (Vector){0};
   for (int k = 0; k < N; ++k)
     for (int c = 0; c < D; ++c) {
-      q0.at[D * k + c] = s->w[D - 1][k] * t[D * c];
-      q1.at[D * k + c] = s->w[D - 1][k] * t[D * c + 1];
-      q2.at[D * k + c] = s->dw[D - 1][k] * t[D * c + D - 1];
+      q0.at[D * k + c] = s->w[k] * t[D * c];
+      q1.at[D * k + c] = s->w[k] * t[D * c + 1];
+      q2.at[D * k + c] = s->dw[k] * t[D * c + D - 1];
     }
   EACH_ROW {
-    const REAL w = row_weight(s, r), w0 = row_slope0(s, r);
+    const REAL w = s->row[r], w0 = s->slope0[r];
 #if D == 3
-    const REAL w1 = row_slope1(s, r);
+    const REAL w1 = s->slope1[r];
     EACH_PART block[r].part[v] += w0 * q0.part[v] + w1 * q1.part[v] + w * q2.part[v];
 #else
     EACH_PART block[r].part[v] += w0 * q0.part[v] + w * q2.part[v];
