@@ -39,12 +39,6 @@ class InputError(ExtremalError):
     exit_code = EXIT_INPUT
 
 
-class SolverError(ExtremalError):
-    """The solver gave up after every retry it is allowed (exit code 3)."""
-
-    exit_code = EXIT_SOLVER
-
-
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """Return the known name most like `name`, or None when none is near enough to be meant."""
     known = list(known)

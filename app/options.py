@@ -141,7 +141,6 @@ class PetscOptions:
             # Too late for PETSc to read its command line: another program runs us.
             self._database.insertString(" ".join(arguments))
         self.given = {name.lower() for name in self._database.getAll()}
-        self._own: set[str] = set()
 
     def add_scene(self, table: Mapping[str, Any]) -> None:
         """Take over a scene's [petsc] table; what is on the command line stays."""
@@ -149,14 +148,6 @@ class PetscOptions:
             if name.lower() not in self.given:
                 self._database.setValue(name, _text(value))
                 self.given.add(name.lower())
-
-    def set_defaults(self, prefix: str, table: Mapping[str, Any]) -> None:
-        """Put defaults of ours in the database where the user has not spoken."""
-        for name, value in table.items():
-            full = (prefix + name).lower()
-            if full not in self.given:
-                self._database.setValue(full, _text(value))
-                self._own.add(full)
 
     def unused(self) -> dict[str, str | None]:
         """Return the options the user gave and nobody asked for, with their values."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
+
+from extremal.native.options import defaults
 
 if TYPE_CHECKING:
     from .equations import Equations
@@ -112,20 +113,6 @@ class _Tangent:
             self._pause = 1 if gain > self._gain else min(2 * self._pause, 16)
             self.projected, self._wait = True, self._pause
         return self.projected
-
-
-@contextmanager
-def defaults(prefix: str, table: Mapping[str, object]) -> Iterator[None]:
-    """Options stand in PETSc's database where it has none of that name, while an object is being configured."""
-    options = PETSc.Options(prefix)
-    ours = [name for name in table if not options.hasName(name)]
-    for name in ours:
-        options.setValue(name, table[name])
-    try:
-        yield
-    finally:
-        for name in ours:
-            options.delValue(name)
 
 
 class Newton:

@@ -6,12 +6,13 @@ As printed, (7.9) is symmetric in the mass inner product only; multiplied by the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
+
+from extremal.native.options import defaults
 
 from .grid import Grid
 from .kernel import Kernel
@@ -116,7 +117,7 @@ def solve(operator: Operator, momentum: NDArray, comm: object) -> tuple[NDArray,
     delta = right.duplicate()
     ksp = PETSc.KSP().create(comm)
     ksp.setOptionsPrefix(PREFIX)
-    with _defaults():
+    with defaults(PREFIX, DEFAULTS):
         ksp.setOperators(matrix)
         ksp.setFromOptions()
     ksp.solve(right, delta)
@@ -125,16 +126,3 @@ def solve(operator: Operator, momentum: NDArray, comm: object) -> tuple[NDArray,
     for used in (ksp, matrix, right, delta):
         used.destroy()
     return result, *figures
-
-
-@contextmanager
-def _defaults() -> Iterator[None]:
-    options = PETSc.Options(PREFIX)
-    ours = [name for name in DEFAULTS if not options.hasName(name)]
-    for name in ours:
-        options.setValue(name, DEFAULTS[name])
-    try:
-        yield
-    finally:
-        for name in ours:
-            options.delValue(name)

@@ -1,4 +1,5 @@
-"""Machine code for loops that Python cannot afford: compiled once on this machine, kept in the user's cache."""
+"""Below the parts: machine code for loops that Python cannot afford (compiled once on this machine, kept in the user's
+cache), and, in `options`, defaults for PETSc's objects."""
 
 from __future__ import annotations
 

@@ -33,12 +33,13 @@ import json, sys
 from extremal.app.options import PetscOptions
 options = PetscOptions(sys.argv[2:])
 options.add_scene(json.loads(sys.argv[1]))
-options.set_defaults("elastic_", {"ksp_type": "cg", "ksp_max_it": 7, "pc_typo": "none"})
 from petsc4py import PETSc
+from extremal.native.options import defaults
 ksp = PETSc.KSP().create()
 ksp.setOptionsPrefix("elastic_")
-ksp.setFromOptions()
-print(json.dumps([ksp.getType(), ksp.getTolerances()[0], ksp.getTolerances()[3], options.unused_line()]))
+with defaults("elastic_", {"ksp_type": "cg", "ksp_max_it": 7, "pc_typo": "none"}):
+    ksp.setFromOptions()
+    print(json.dumps([ksp.getType(), ksp.getTolerances()[0], ksp.getTolerances()[3], options.unused_line()]))
 options.close()
 """
 
