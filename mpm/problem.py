@@ -10,7 +10,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from . import implicit, kernel
+from . import implicit, kernel, measures
 from .colliders import Collider, collide
 from .decomposition import Decomposition
 from .grid import Grid
@@ -288,41 +288,20 @@ class SnowProblem:
 
     # ------------------------------------------------------------------ what the session asks
 
-    def _sum(self, values: NDArray) -> NDArray:
-        total = np.atleast_1d(np.asarray(values, dtype=float)).copy()
-        self.comm.Allreduce(MPI.IN_PLACE, total)
-        return total
-
     def diagnostics(self) -> dict[str, float]:
         """Conserved quantities and energies [SI]; raises RuntimeError where a particle has been lost."""
-        p, d = self.particles, self.particles.dimension
-        count, mass = self.comm.allreduce(len(p)), float(self._sum(p.mass.sum())[0])
-        if count != self._count or abs(mass - self._mass) > 1e-9 * abs(self._mass):
-            raise RuntimeError(f"{self._count - count} particles were lost ({self._mass:g} kg became {mass:g} kg)")
-        momentum = self._sum((p.mass[:, None] * p.velocity).sum(axis=0))
-        x, v = (np.pad(a, ((0, 0), (0, 3 - d))) for a in (p.position, p.velocity))
-        angular = self._sum((p.mass[:, None] * np.cross(x, v)).sum(axis=0))
-        elastic = np.zeros(len(p))
-        if self.comm.allreduce(bool(p.volume.all()), op=MPI.LAND):
-            self._kernel.call(
-                "energy", len(p), p.stretch, p.plastic, p.volume, p.stiffness, p.body, self._table, elastic
-            )
-        weight = 0.0 if self._gravity is None else -float((p.mass * (p.position @ self._gravity[:d])).sum())
-        kinetic = 0.5 * float((p.mass[:, None] * p.velocity**2).sum())
-        energies = self._sum(np.array([kinetic, elastic.sum(), weight]))
+        p = self.particles
+        found = measures.conserved(self.comm, p)
+        count, mass = found["particles"], found["mass"]
+        if count != self._count or abs(mass - self._mass) > measures.SAME_MASS * abs(self._mass):
+            raise RuntimeError(f"{self._count - count:g} particles were lost ({self._mass:g} kg became {mass:g} kg)")
+        energy = measures.energies(self.comm, p, self._kernel, self._table, self._gravity)
         speed = self.comm.allreduce(float(np.linalg.norm(p.velocity, axis=1).max(initial=0)), op=MPI.MAX)
-        figures = {"time": self.time, "particles": float(count), "mass": mass}
-        figures |= {f"momentum_{a}": float(m) for a, m in zip("xyz", momentum, strict=False)}
-        figures |= {f"angular_momentum_{a}": float(m) for a, m in zip("xyz", angular, strict=False)}
-        return figures | {
-            "kinetic_energy": float(energies[0]),
-            "elastic_energy": float(energies[1]),
-            "gravitational_energy": float(energies[2]),
+        return {"time": self.time} | found | energy | {
             "plastic_dissipation": self._dissipated,
-            "energy": float(energies.sum()),
+            "energy": sum(energy.values()),
             "largest_speed": speed,
-            "krylov_iterations": self._figures["krylov_iterations"],
-            "dt": self._figures["dt"],
+            **self._figures,
             "active_nodes": float(self._nodes),
             "imbalance": self._space.imbalance(len(p)),
         }
@@ -368,26 +347,8 @@ class SnowProblem:
         whole = self._gathered()
         if whole is None:
             return None
-        d = self.particles.dimension
-        ends = _stretches(whole["stretch"], d)
-        elastic = ends.prod(axis=1)
-        nominal = np.array([law.density for law in self.laws])[whole["body"]]  # until volumes are measured
-        volume = np.where(whole["volume"] > 0, whole["volume"], whole["mass"] / nominal) * elastic * whole["plastic"]
-        every = {
-            "velocity": np.pad(whole["velocity"], ((0, 0), (0, 3 - d))),
-            "J_P": whole["plastic"],
-            "stretch": ends[:, -1],
-            "density": whole["mass"] / volume,
-            "body": whole["body"].astype(float),
-            "stiffness": whole["stiffness"],
+        return {
+            name: values
+            for name, values in measures.shown(whole, self.laws).items()
+            if names is None or name in ("points", *names)
         }
-        points = {"points": np.pad(whole["position"], ((0, 0), (0, 3 - d)))}
-        return points | {name: values for name, values in every.items() if names is None or name in names}
-
-
-def _stretches(packed: NDArray, d: int) -> NDArray:
-    """Eigenvalues of W (n, d), ascending."""
-    full = np.empty((len(packed), d, d))
-    i, j = np.triu_indices(d)
-    full[:, i, j] = full[:, j, i] = packed
-    return np.linalg.eigvalsh(full)
