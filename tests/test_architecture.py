@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("app", "meshes", "forms", "mpm", "native")
+PACKAGES = ("app", "meshes", "forms", "mpm", "hawkes", "native")
 MAY_KNOW = {
-    "app": {"app", "meshes", "forms", "mpm"},
+    "app": {"app", "meshes", "forms", "mpm", "hawkes"},
     "forms": {"forms", "meshes", "native"},
     "meshes": {"meshes"},
     "mpm": {"mpm", "native"},
+    "hawkes": {"hawkes", "native"},
     "native": {"native"},
 }
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))

@@ -1,0 +1,37 @@
+"""The compiled recursions over slots (kernel.c)."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from extremal import native
+
+_LONG, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The compiled kernel; every rank loads it, any of them may be first to compile it."""
+    source = Path(__file__).with_name("kernel.c").read_text(encoding="utf-8")
+    made = native.load(MPI.COMM_SELF, "hawkes", source, lambda: source)
+    made.extremal_sweep.restype = _DOUBLE
+    return made
+
+
+def call(name: str, *arguments: Any) -> Any:
+    """Call extremal_`name`; arrays go as pointers and must be C-contiguous, of the types kernel.c states."""
+    return getattr(library(), f"extremal_{name}")(*(_argument(a) for a in arguments))
+
+
+def _argument(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        if not value.flags.c_contiguous:
+            raise ValueError("array is not C-contiguous")
+        return _POINTER(value.ctypes.data)
+    return _DOUBLE(value) if isinstance(value, float | np.floating) else _LONG(int(value))
