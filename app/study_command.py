@@ -1,10 +1,15 @@
-"""`extremal study NAME`: run one of the modules of `extremal.app.studies`."""
+"""`extremal study NAME`: run one of the modules of `extremal.app.studies`.
+
+NAME is the module's name with a dot between digits and a hyphen elsewhere for each "_": `table_3_1` is table-3.1,
+`snow_cost` is snow-cost.
+"""
 
 from __future__ import annotations
 
 import argparse
 import importlib
 import pkgutil
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +24,12 @@ if TYPE_CHECKING:
 def names() -> list[str]:
     """Return the names of the studies there are, without importing them."""
     studies = importlib.import_module(".studies", __package__)
-    return sorted(
-        module.name for module in pkgutil.iter_modules(studies.__path__) if not module.name.startswith("_")
-    )
+    modules = [module.name for module in pkgutil.iter_modules(studies.__path__)]
+    return sorted(_name(module) for module in modules if not module.startswith("_"))
+
+
+def _name(module: str) -> str:
+    return re.sub(r"(?<=\d)_(?=\d)", ".", module).replace("_", "-")
 
 
 def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -51,4 +59,4 @@ def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm
 
 
 def _module(name: str) -> Any:
-    return importlib.import_module(f".studies.{name}", __package__)
+    return importlib.import_module(".studies." + re.sub("[-.]", "_", name), __package__)

@@ -5,7 +5,7 @@ import csv
 
 from petsc4py import PETSc
 
-from extremal.app.studies import cost, solvers
+from extremal.app.studies import _table, cost, solvers
 
 
 def arguments(study, *words):
@@ -41,7 +41,7 @@ def test_solver_options_last_for_one_run_only():
     options = PETSc.Options("elastic_")
     options.setValue("pc_type", "jacobi")
     try:
-        with solvers._options({"pc_type": "lu", "ksp_type": "preonly"}):
+        with _table.petsc_options("elastic_", {"pc_type": "lu", "ksp_type": "preonly"}):
             assert (options.getString("pc_type"), options.getString("ksp_type")) == ("lu", "preonly")
         assert options.getString("pc_type") == "jacobi"
         assert not options.hasName("ksp_type")

@@ -1,11 +1,12 @@
-"""What the studies share: a growing CSV file of results, tables for the eye, facts about the machine."""
+"""What the studies share: a growing CSV file of results, tables for the eye, PETSc options, facts about the machine."""
 
 from __future__ import annotations
 
 import csv
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import InputError
@@ -83,3 +84,21 @@ def machine() -> str:
     libraries = ", ".join(f"{name} {found[name]}" for name in ("dolfinx", "petsc", "numpy") if name in found)
     load = os.getloadavg()[0]
     return f"{model}, {os.cpu_count()} cores (load {load:.1f}), Python {found['python']}, {libraries}"
+
+
+@contextmanager
+def petsc_options(prefix: str, chosen: Mapping[str, object]) -> Iterator[None]:
+    """PETSc options with a prefix, for as long as the context lasts."""
+    from petsc4py import PETSc
+
+    options = PETSc.Options(prefix)
+    before = {name: options.getString(name) for name in chosen if options.hasName(name)}
+    for name, value in chosen.items():
+        options.setValue(name, value)
+    try:
+        yield
+    finally:
+        for name in chosen:
+            options.delValue(name)
+        for name, old in before.items():
+            options.setValue(name, old)

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import EXIT_FINISHED
 from ..parallel import on_root
-from ._table import Row, aligned, machine, make_folder, read_rows, write_rows
+from ._table import Row, aligned, machine, make_folder, petsc_options, read_rows, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -111,24 +109,6 @@ def _cell(row: Row) -> str:
     return f"{row['seconds']} s ({row['newton']} / {row['krylov']})"
 
 
-@contextmanager
-def _options(chosen: dict[str, object]) -> Iterator[None]:
-    """PETSc options with the prefix of the elastic solver, for as long as the context lasts."""
-    from petsc4py import PETSc
-
-    options = PETSc.Options("elastic_")
-    before = {name: options.getString(name) for name in chosen if options.hasName(name)}
-    for name, value in chosen.items():
-        options.setValue(name, value)
-    try:
-        yield
-    finally:
-        for name in chosen:
-            options.delValue(name)
-        for name, old in before.items():
-            options.setValue(name, old)
-
-
 def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
     """One run; its seconds are of this process on its processor."""
     import numpy as np
@@ -145,7 +125,7 @@ def solve(domain: Domain, degree: int, kind: str, solver: str) -> Row:
     load = lambda x, t: np.tile([0.0, 0.0, -what.load * t], (len(x), 1))  # noqa: E731
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     end, outcome = "converged", "solved"
-    with _options(SOLVERS[solver]):
+    with petsc_options("elastic_", SOLVERS[solver]):
         body = forms.ElasticProblem(
             domain,
             dict.fromkeys(domain.region_names, material),
