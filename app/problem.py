@@ -33,7 +33,7 @@ class Problem(Protocol):
         ...
 
     def diagnostics(self) -> dict[str, float]:
-        """Return the columns of history.csv, the same on all ranks."""
+        """Return the columns of history.csv, or raise ArithmeticError on all ranks: the state is worth nothing."""
         ...
 
     def state(self) -> dict[str, NDArray[Any]]:
@@ -41,7 +41,7 @@ class Problem(Protocol):
         ...
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
-        """Take over a state from rank 0."""
+        """Take over a state from rank 0, or raise ValueError on all ranks: something is missing in it."""
         ...
 
     def geometry(self) -> tuple[NDArray[Any], NDArray[Any], str] | None:

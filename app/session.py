@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import sys
 import time as clock
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -121,7 +122,7 @@ class _Session:
                 self._stop_if_asked(request)
             self._save()
         except _Ended as end:
-            status, reason = end.status, end.reason + self._try_to_save()
+            status, reason = end.status, end.reason + (self._try_to_save() if end.state_is_good else "")
         except OutputError as error:
             status, reason = "failed", str(error)
         except InputError:
@@ -156,7 +157,7 @@ class _Session:
         self.output.open(geometry, frame_times, progress)
         for note in notes:
             self.output.note(note)
-        self.diagnostics = self.problem.diagnostics()
+        self._measure()
         if restart is None:
             self.output.row(0.0, 0, self._wall(), self.diagnostics)
             self.output.frame()
@@ -194,10 +195,17 @@ class _Session:
     def _look(self, dt: float, cutbacks: int) -> None:
         """Write down what the step brought."""
         self.output.agree()
-        self.diagnostics = self.problem.diagnostics()
+        self._measure()
         self.output.row(dt, cutbacks, self._wall(), self.diagnostics)
         if self.step_size.on_milestone(self.problem.time):
             self.output.frame()
+
+    def _measure(self) -> None:
+        """Take the diagnostics; a state that has none ends the run, and is not saved."""
+        try:
+            self.diagnostics = self.problem.diagnostics()
+        except ArithmeticError as error:
+            raise _Ended("failed", f"step {self.counts.step}: {error}", state_is_good=False) from error
 
     def _stop_if_asked(self, request: StopRequest) -> None:
         """End the run if any rank has been sent a signal, except where it has just reached its end."""
@@ -230,7 +238,8 @@ class _Session:
                 print(expectation)
             words = [status + (f" {reason}" if status == "stopped" else f": {reason}" if reason else "")]
             words += [f"{len(missed)} of {len(expectations)} expectations MISSED"] if missed else []
-            print(", ".join([*words, f"results in {self.folder}"]), flush=True)
+            stream = sys.stderr if status == "failed" else sys.stdout
+            print(", ".join([*words, f"results in {self.folder}"]), file=stream, flush=True)
         return Outcome(status, reason, exit_code, steps, self.problem.time, self.diagnostics, expectations)
 
     # ------------------------------------------------------------------ checkpoints
@@ -288,7 +297,10 @@ class _Session:
             return found.path, found.facts, passed_over
 
         path, facts, notes = on_root(self.comm, read)
-        self.problem.restore(kept[0].state if kept else {})
+        try:
+            self.problem.restore(kept[0].state if kept else {})
+        except ValueError as error:
+            raise InputError(f"{path}: {error}; accepted is a checkpoint of all that [output] asks for") from None
         self.problem.time = facts["time"]
         self.step_size.restore(facts["step_size"])
         self.counts.step, self.counts.iterations = facts["step"], facts["iterations"]
@@ -364,6 +376,6 @@ class _Session:
 class _Ended(Exception):
     """The run ends before its time."""
 
-    def __init__(self, status: str, reason: str) -> None:
+    def __init__(self, status: str, reason: str, *, state_is_good: bool = True) -> None:
         super().__init__(reason)
-        self.status, self.reason = status, reason
+        self.status, self.reason, self.state_is_good = status, reason, state_is_good

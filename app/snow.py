@@ -22,6 +22,7 @@ from extremal.mpm.problem import SnowProblem
 from extremal.mpm.shapes import Box, Cylinder, HalfSpace, Shape, Sphere, Wedge
 
 from .errors import InputError
+from .snow_scene import GRADIENTS
 
 if TYPE_CHECKING:
     from . import snow_shapes
@@ -51,6 +52,7 @@ def build(scene: SnowScene, comm: MPI.Comm) -> SnowProblem:
         cfl=analysis.cfl,
         precision=analysis.precision,
         rebalance=scene.grid.imbalance,
+        with_gradients=any(name in GRADIENTS for name in scene.output.fields or ()),
     )
 
 

@@ -14,6 +14,7 @@ from .scene_fields import Boolean, Integer, Number, Positive, Problem, Table, Te
 from .snow_shapes import PLASTIC, Body, Collider, SnowMaterial
 
 PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "body", "stiffness")
+GRADIENTS = ("elastic_gradient", "plastic_gradient")
 LARGEST_SCALE = 100.0
 DIAGNOSTICS = (
     "time", "particles", "mass", "momentum_x", "momentum_y", "momentum_z", "angular_momentum_x",
@@ -82,8 +83,8 @@ class SnowOutput(Table):
     """[output]: what is written, and how often."""
 
     every: Positive = Field(1 / 24, description="time [s] between frames; default: 24 in a second")
-    fields: tuple[Literal[PARTICLE_FIELDS], ...] | None = Field(  # type: ignore[valid-type]
-        None, description="fields of the particles written; default: all"
+    fields: tuple[Literal[PARTICLE_FIELDS + GRADIENTS], ...] | None = Field(  # type: ignore[valid-type]
+        None, description="fields of the particles written; default: all but the gradients F_E and F_P"
     )
     vdb: Boolean = Field(False, description="also the density on the grid, as OpenVDB, one file a frame")
     checkpoint_every: Annotated[Integer, Field(ge=1)] = Field(500, description="steps between checkpoints")

@@ -8,11 +8,16 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from .gradients import symmetric
 from .kernel import Kernel
 from .law import Law
 from .particles import Particles
 
 SAME_MASS = 1e-9  # relative; sums over other numbers of ranks differ by rounding only
+
+
+class LostParticles(ArithmeticError):
+    """There are fewer particles, or there is less mass, than at the start; the state is worth nothing."""
 
 
 def conserved(comm: MPI.Comm, p: Particles) -> dict[str, float]:
@@ -50,12 +55,12 @@ def energies(
 
 
 def shown(whole: dict[str, NDArray], laws: Sequence[Law]) -> dict[str, NDArray]:
-    """Fields to look at, of the arrays of `Particles` by name: scalars (n,) and vectors (n, 3)."""
+    """Fields to look at, of the arrays of `Particles` by name: (n,), vectors (n, 3) and matrices by rows (n, 9)."""
     d = whole["position"].shape[1]
-    ends = _stretches(whole["stretch"], d)
+    ends = np.linalg.eigvalsh(symmetric(whole["stretch"], d))
     nominal = np.array([law.density for law in laws])[whole["body"]]  # until volumes are measured
     rest = np.where(whole["volume"] > 0, whole["volume"], whole["mass"] / nominal)
-    return {
+    fields = {
         "points": np.pad(whole["position"], ((0, 0), (0, 3 - d))),
         "velocity": np.pad(whole["velocity"], ((0, 0), (0, 3 - d))),
         "J_P": whole["plastic"],
@@ -64,14 +69,12 @@ def shown(whole: dict[str, NDArray], laws: Sequence[Law]) -> dict[str, NDArray]:
         "body": whole["body"].astype(float),
         "stiffness": whole["stiffness"],
     }
-
-
-def _stretches(packed: NDArray, d: int) -> NDArray:
-    """Eigenvalues of W (n, d), ascending."""
-    full = np.empty((len(packed), d, d))
-    i, j = np.triu_indices(d)
-    full[:, i, j] = full[:, j, i] = packed
-    return np.linalg.eigvalsh(full)
+    for name in ("elastic_gradient", "plastic_gradient"):
+        if name in whole:
+            matrix = np.tile(np.eye(3), (len(ends), 1, 1))  # nothing happens across the plane
+            matrix[:, :d, :d] = whole[name].reshape(-1, d, d)
+            fields[name] = matrix.reshape(-1, 9)
+    return fields
 
 
 def _sum(comm: MPI.Comm, values: NDArray) -> NDArray:

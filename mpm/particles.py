@@ -30,6 +30,8 @@ class Particles:
     body : (n,) int32
     ident : (n,) int64
         Number in the order of seeding, the same on any number of ranks.
+    elastic_gradient, plastic_gradient : (n, d²) or None
+        F_E and F_P by rows, where they are carried at all.
     """
 
     position: NDArray
@@ -41,6 +43,8 @@ class Particles:
     stiffness: NDArray
     body: NDArray
     ident: NDArray
+    elastic_gradient: NDArray | None = None
+    plastic_gradient: NDArray | None = None
 
     @classmethod
     def at(
@@ -67,6 +71,11 @@ class Particles:
             np.arange(n, dtype=np.int64),
         )
 
+    def carry_gradients(self) -> None:
+        """Carry F_E and F_P from here on, where nothing is deformed yet."""
+        d = self.dimension
+        self.elastic_gradient, self.plastic_gradient = (np.tile(np.eye(d).ravel(), (len(self), 1)) for _ in range(2))
+
     def __len__(self) -> int:
         return len(self.position)
 
@@ -76,8 +85,9 @@ class Particles:
         return self.position.shape[1]
 
     def arrays(self) -> dict[str, NDArray]:
-        """All arrays by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """All arrays that there are, by name."""
+        named = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return {name: array for name, array in named if array is not None}
 
     def take(self, rows: NDArray) -> Particles:
         """The particles of `rows`, copied."""
@@ -86,8 +96,7 @@ class Particles:
     @staticmethod
     def join(parts: list[Particles]) -> Particles:
         """All particles of `parts`, in that order."""
-        names = [field.name for field in fields(Particles)]
-        return Particles(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+        return Particles(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in parts[0].arrays()})
 
     def reorder(self, order: NDArray, kernel: Kernel) -> None:
         """Sort in place: row p becomes the old row order[p]."""

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from . import implicit, kernel, measures
+from . import gradients, implicit, kernel, measures
 from .colliders import Collider, collide
 from .decomposition import Decomposition
 from .grid import Grid
@@ -67,6 +67,8 @@ class SnowProblem:
         "double" or "single", of the implicit operator.
     rebalance : float
         Imbalance at which space is divided anew.
+    with_gradients : bool
+        Whether particles carry F_E and F_P, which only cost time: nothing depends on them.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class SnowProblem:
         cfl: float = 0.5,
         precision: str = "double",
         rebalance: float = REBALANCE,
+        with_gradients: bool = False,
     ) -> None:
         self.comm, self.time, self.h = comm, 0.0, cell_size
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
@@ -96,6 +99,8 @@ class SnowProblem:
         self._operator_kernel = self._kernel
         if beta and precision == "single":
             self._operator_kernel = kernel.load(comm, d, spline, "single")
+        if with_gradients:
+            particles.carry_gradients()
         self._space = Decomposition(comm, cell_size, particles)
         self.particles = self._space.migrate(particles)
         self._count = comm.allreduce(len(particles))
@@ -109,12 +114,13 @@ class SnowProblem:
             "implicit": beta > 0,
             "gravity": gravity is not None,
             "colliders": bool(colliders),
+            "gradients": with_gradients,
         }
         on = ["snow", *(name for name, there in present.items() if there)]
         self.effects: dict[str, dict[str, Any]] = {name: {} for name in on}
         names = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
         self._events = {name: PETSc.Log.Event(f"snow:snow:{name}") for name in names}
-        self._events |= {name: PETSc.Log.Event(f"snow:{name}") for name in ("implicit", "colliders")}
+        self._events |= {name: PETSc.Log.Event(f"snow:{name}") for name in ("implicit", "colliders", "gradients")}
 
     # ------------------------------------------------------------------ a step
 
@@ -207,6 +213,9 @@ class SnowProblem:
                 dissipated,
             )  # fmt: skip
             self._dissipated += self.comm.allreduce(float(dissipated[0]))
+        if p.elastic_gradient is not None:
+            with self._events["gradients"]:
+                gradients.follow(p, gradient, dt)
         if self._colliders:
             with self._events["colliders"]:
                 velocity, _ = collide(self._colliders, p.position, velocity, self.time + dt)
@@ -289,12 +298,14 @@ class SnowProblem:
     # ------------------------------------------------------------------ what the session asks
 
     def diagnostics(self) -> dict[str, float]:
-        """Conserved quantities and energies [SI]; raises RuntimeError where a particle has been lost."""
+        """Conserved quantities and energies [SI]; raises LostParticles on all ranks where a particle has been lost."""
         p = self.particles
         found = measures.conserved(self.comm, p)
         count, mass = found["particles"], found["mass"]
-        if count != self._count or abs(mass - self._mass) > measures.SAME_MASS * abs(self._mass):
-            raise RuntimeError(f"{self._count - count:g} particles were lost ({self._mass:g} kg became {mass:g} kg)")
+        if count != self._count or not abs(mass - self._mass) <= measures.SAME_MASS * self._mass:
+            raise measures.LostParticles(
+                f"{self._count - count:g} of {self._count} particles were lost, {self._mass:g} kg became {mass:g} kg"
+            )
         energy = measures.energies(self.comm, p, self._kernel, self._table, self._gravity)
         speed = self.comm.allreduce(float(np.linalg.norm(p.velocity, axis=1).max(initial=0)), op=MPI.MAX)
         return {"time": self.time} | found | energy | {
@@ -321,10 +332,13 @@ class SnowProblem:
         return {} if whole is None else whole | {"dissipated": np.array([self._dissipated])}
 
     def restore(self, state: dict[str, NDArray]) -> None:
-        """Take over what `state` gave, on any number of ranks."""
-        rank = self.comm.rank
+        """Take over what `state` gave, on any number of ranks; raises ValueError on all where it gave too little."""
+        rank, wanted = self.comm.rank, self.particles.arrays()
+        missing = self.comm.bcast([name for name in wanted if name not in state] if rank == 0 else None)
+        if missing:
+            raise ValueError(f"has no {' and no '.join(missing)}")
         dissipated = self.comm.bcast(float(state["dissipated"][0]) if rank == 0 else None)
-        arrays = {name: values for name, values in state.items() if name != "dissipated"}
+        arrays = {name: values for name, values in state.items() if name in wanted}
         parts = None
         if rank == 0:
             cuts = np.array_split(np.arange(len(arrays["ident"])), self.comm.size)

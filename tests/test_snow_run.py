@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from extremal.app import cli
+from extremal.app import checkpoint, cli
 from extremal.app.errors import InputError
 from extremal.app.particles_output import grid_density
 from extremal.app.results import read_table
 from extremal.app.scene import validate
 from extremal.app.snow import build
 from extremal.app.snow_scene import DIAGNOSTICS, PARTICLE_FIELDS
+from extremal.mpm.problem import SnowProblem
 
 Launch = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -126,6 +127,39 @@ def test_a_restarted_run_ends_as_if_it_had_not_stopped(scene: Path) -> None:
     for name in ("kinetic_energy", "elastic_energy", "plastic_dissipation", "momentum_z"):
         # sums may be taken in another order
         assert again[-1][name] == pytest.approx(rows[-1][name], rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("what", ["particle", "mass"])
+def test_a_loss_ends_the_run_in_one_line_and_keeps_the_last_good_checkpoint(
+    what: str, scene: Path, comm: MPI.Intracomm, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lose(problem: SnowProblem) -> None:
+        arrange(problem)
+        if problem.time > 0.0125 and comm.rank == comm.size - 1:
+            if what == "particle":
+                problem.particles = problem.particles.take(np.arange(1, len(problem.particles)))
+            else:
+                problem.particles.mass[:1] /= 2
+
+    arrange = SnowProblem._arrange
+    monkeypatch.setattr(SnowProblem, "_arrange", lose)
+    folder = scene.parent / "results"
+    assert cli.main(["snow", str(scene), "-o", str(folder), "--quiet"]) == 3
+    if comm.rank > 0:
+        return
+    record, rows = json.loads((folder / "run.json").read_text()), history(folder)
+    assert (record["status"], record["exit_code"]) == ("failed", 3)
+    count = f"{rows[0]['particles']:.0f}"
+    words = f"{int(what == 'particle')} of {count} particles were lost, "
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("failed: step ") and words in line
+    # the state that is worth nothing is neither a row nor a frame nor a checkpoint
+    good = [checkpoint.load(path) for path in checkpoint.list_checkpoints(folder)]
+    assert [found.facts["step"] for found in good] == [10, 5]
+    assert len(good[0].state["ident"]) == rows[0]["particles"]
+    assert rows[-1]["step"] == record["steps"] - 1
+    assert len(list((folder / "fields").iterdir())) == 2
 
 
 def test_density_on_the_grid_holds_all_mass_where_it_is() -> None:
