@@ -1,4 +1,4 @@
-"""The compiled recursions over slots (kernel.c)."""
+"""The compiled loops: a C file for each subject."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ _LONG, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
 
 @cache
-def library() -> ctypes.CDLL:
-    """The compiled kernel; every rank loads it, any of them may be first to compile it."""
-    source = Path(__file__).with_name("kernel.c").read_text(encoding="utf-8")
-    made = native.load(MPI.COMM_SELF, "hawkes", source, lambda: source)
-    made.extremal_sweep.restype = _DOUBLE
+def library(subject: str = "kernel") -> ctypes.CDLL:
+    """The compiled `subject`.c of this folder; every rank loads it, any of them may be first to compile it."""
+    source = Path(__file__).with_name(f"{subject}.c").read_text(encoding="utf-8")
+    made = native.load(MPI.COMM_SELF, f"hawkes_{subject}", source, lambda: source)
+    if subject == "kernel":
+        made.extremal_sweep.restype = _DOUBLE
     return made
 
 
-def call(name: str, *arguments: Any) -> Any:
-    """Call extremal_`name`; arrays go as pointers and must be C-contiguous, of the types kernel.c states."""
-    return getattr(library(), f"extremal_{name}")(*(_argument(a) for a in arguments))
+def call(name: str, *arguments: Any, subject: str = "kernel") -> Any:
+    """Call extremal_`name` of `subject`.c; arrays go as pointers, C-contiguous and of the types stated there."""
+    return getattr(library(subject), f"extremal_{name}")(*(_argument(a) for a in arguments))
 
 
 def _argument(value: Any) -> Any:
