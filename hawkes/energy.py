@@ -55,32 +55,40 @@ class Energy:
     def gap(self, x: NDArray, g: NDArray | None = None) -> float:
         """Upper bound of Λ* - Λ(x) for x with columns of unit length: the smaller of two.
 
-        Both follow from the concavity of Λ in y = x² (theorem 3.3.1). First order: the gradient in y is g/(2x), and
-        the maximum of a linear function over a simplex is at a corner,
+        First order: Λ is concave in y = x² (theorem 3.3.1) with gradient g/(2x), and the maximum of a linear function
+        over a simplex is at a corner,
             Λ* - Λ <= Σ_j [max_i g_ij/(2 x_ij) - g_j·x_j/2].
-        Second order: with ν_j = x_j·g_j/2, e = g/2 - ν x, h = b/2 - e, where all h > 0,
-            Λ* - Λ <= Σ_i (max_j |e_ij|/h_ij) Σ_j x_ij |e_ij|.
+        Where x and g are 0, √(y_j y_l) <= (y_j + y_l)/2 bounds what such slots of a timeline can do to each other.
+        Second order: with ν_j = x_j·g_j/2, e = g/2 - ν x and N = diag(ν) - A,
+            Λ(x + d) - Λ(x) = 2 e·d - dᵀN d,   N x = h = b/2 - e,
+        and N has no positive entry off its diagonal, so that h > 0 gives dᵀN d >= Σ h d²/x and
+            Λ* - Λ <= Σ x e²/h.
         """
         s = self.slots
         g = self.gradient(x) if g is None else g
         along = s.columns(x, g)
-        steepest = np.empty(s.count)
-        kernel.call("ratio", s.count, s.start, g, x, steepest)
-        if s.comm.size > 1:
-            s.comm.Allreduce(MPI.IN_PLACE, steepest, op=MPI.MAX)
-        first = 0.5 * float((steepest - along).sum())
+        first = 0.5 * float((self._steepest(x, g) - along).sum())
 
-        e = 0.5 * (g - np.repeat(along, np.diff(s.start)) * x)
+        length = np.diff(s.start)
+        ν = np.repeat(0.5 * along, length)
+        e = 0.5 * g - ν * x
         h = 0.5 * s.linear - e
-        size = np.abs(e)
-        used = size > 0
-        good = bool((h[used] > 0).all())
-        second = 0.0
-        if good and used.any():
-            worst = np.zeros(len(s.coupling))
-            np.maximum.at(worst, s.pair[used], size[used] / h[used])
-            second = float(worst @ np.bincount(s.pair, weights=x * size, minlength=len(worst)))
-        second = s.comm.allreduce(second)
-        if not s.comm.allreduce(good, op=MPI.LAND):
-            second = np.inf
+        alone = (x == 0) & (s.coupling[s.pair] == 0)  # N's row is ν alone
+        good = bool(((h > 0) & (x > 0) | alone & (ν > 0) | (alone & (e == 0))).all())
+        second = np.inf
+        if s.comm.allreduce(good, op=MPI.LAND):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                terms = np.where(alone, e**2 / ν, x * e**2 / h)
+            second = s.sum(terms[e != 0])
         return max(0.0, min(first, second))
+
+    def _steepest(self, x: NDArray, g: NDArray) -> NDArray:
+        """(n,) largest g/x of each event."""
+        s, most = self.slots, np.empty(self.slots.count)
+        idle = (x == 0) & (g == 0)
+        if s.comm.allreduce(bool(idle.any()), op=MPI.LOR):
+            g, x = np.where(idle, self.couple(idle.astype(float)), g), np.where(idle, 1.0, x)
+        kernel.call("ratio", s.count, s.start, g, x, most)
+        if s.comm.size > 1:
+            s.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
+        return most

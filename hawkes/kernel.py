@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from extremal import native
 
+FLOATS = {"kernel": ("sweep",), "relaxations": ("relax",)}  # what returns a number
 _LONG, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
 
@@ -20,8 +21,8 @@ def library(subject: str = "kernel") -> ctypes.CDLL:
     """The compiled `subject`.c of this folder; every rank loads it, any of them may be first to compile it."""
     source = Path(__file__).with_name(f"{subject}.c").read_text(encoding="utf-8")
     made = native.load(MPI.COMM_SELF, f"hawkes_{subject}", source, lambda: source)
-    if subject == "kernel":
-        made.extremal_sweep.restype = _DOUBLE
+    for name in FLOATS.get(subject, ()):
+        getattr(made, f"extremal_{name}").restype = _DOUBLE
     return made
 
 

@@ -1,0 +1,292 @@
+"""Method (3.5): the weights that maximise the energy, by TAO."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from extremal.native.options import defaults
+
+from . import kernel
+from .energy import Energy
+from .slots import Slots
+
+PREFIX = "hawkes_"
+DEFAULTS = {
+    "tao_type": "blmvm",
+    "tao_max_it": 2000,
+    # the Hessian is a product only
+    "pc_type": "none",
+    "tao_bnk_pc_type": "none",
+}
+NEWTON = ("tron", "bntr", "bntl", "bnls")
+ATTEMPTS = 3  # of TAO, after sweeps that take it away from where it gave up
+LIFT = 1e-8  # of the weight that a sweep would give: a slot at its bound has infinite slope in y = x²
+
+
+class ReconstructionError(ArithmeticError):
+    """The maximum was not reached; the message says why TAO stopped, and where it stands."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """Weights of (3.5) and how good they are.
+
+    Attributes
+    ----------
+    weights : (S,)
+        x of this rank's slots; those of an event have unit length.
+    energy : float
+        Λ of (3.20).
+    gap : float
+        Proven bound of Λ* - Λ.
+    iterations : int
+        Of TAO.
+    reason : str
+        Why TAO stopped.
+    seconds : float
+    """
+
+    weights: NDArray
+    energy: float
+    gap: float
+    iterations: int
+    reason: str
+    seconds: float
+
+    @property
+    def relative_gap(self) -> float:
+        """Gap over energy."""
+        return self.gap / self.energy if self.energy > 0 else 0.0
+
+
+def reconstruct(
+    slots: Slots,
+    *,
+    gap: float = 1e-8,
+    sweeps: int = 5,
+    start: NDArray | None = None,
+    monitor: Callable[[dict[str, float]], None] | None = None,
+) -> Reconstruction:
+    """Solve (3.5) (collective).
+
+    z >= 0 with x_j = z_j/|z_j| makes (3.5) bound-constrained; a few sweeps over the events come first.
+
+    Parameters
+    ----------
+    slots : Slots
+    gap : float
+        Largest relative gap, proven by `Energy.gap`, at which to stop.
+    sweeps : int
+        Rounds of `Energy.sweep` before TAO.
+    start : (S,), optional
+        Weights to begin with; equal ones otherwise.
+    monitor : callable, optional
+        Called with {"iteration", "energy", "residual", "gap"} (gap: the last one worked out).
+
+    Returns
+    -------
+    Reconstruction
+
+    Raises
+    ------
+    ReconstructionError
+        On all ranks, where the gap is not reached.
+    """
+    began = time.perf_counter()
+    energy = Energy(slots)
+    x = slots.uniform() if start is None else start
+    x = _lifted(energy, energy.sweep(x, sweeps) if sweeps else x)
+    solver = _Solver(energy, gap, monitor)
+    try:
+        for attempt in range(ATTEMPTS):
+            if attempt:
+                x = energy.sweep(x, 20)
+            x = solver.solve(x)
+            if solver.certified:
+                break
+    finally:
+        solver.destroy()
+    result = Reconstruction(x, solver.value, solver.gap, solver.iterations, solver.reason, time.perf_counter() - began)
+    if not solver.certified:
+        raise ReconstructionError(
+            f"TAO ended with {solver.reason} after {solver.iterations} iterations at a relative gap of "
+            f"{result.relative_gap:.3g}, above {gap:.3g}"
+        )
+    return result
+
+
+def _lifted(energy: Energy, x: NDArray) -> NDArray:
+    """x with no weight at 0 where the energy grows from there, columns of unit length (collective)."""
+    s, g = energy.slots, energy.gradient(x)
+    stuck = (x == 0) & (g > 0)
+    if not s.comm.allreduce(int(stuck.sum())):
+        return x
+    length = np.diff(s.start)
+    size = np.repeat(np.sqrt(s.columns(g, g)), length)
+    x = x.copy()
+    x[stuck] = LIFT * g[stuck] / size[stuck]
+    return x / np.repeat(np.sqrt(s.columns(x, x)), length)
+
+
+class _Solver:
+    """TAO on z, with what its callbacks share."""
+
+    def __init__(self, energy: Energy, wanted: float, monitor: Callable[[dict[str, float]], None] | None) -> None:
+        self.energy, self.slots, self.wanted, self.monitor = energy, energy.slots, wanted, monitor
+        self.value = self.gap = 0.0
+        self.iterations, self.reason = 0, "CONVERGED_USER"
+        self.certified = False
+        self._before = 0  # iterations of earlier attempts
+        self._point: NDArray | None = None  # where x, g and the rest belong to
+        comm, n = energy.slots.comm, len(energy.slots)
+        self._vectors = [PETSc.Vec().createMPI((n, PETSc.DECIDE), comm=comm) for _ in range(4)]
+        z, gradient, low, high = self._vectors
+        high.set(PETSc.INFINITY)
+        self._tao = tao = PETSc.TAO().create(comm)
+        tao.setOptionsPrefix(PREFIX)
+        tao.setObjectiveGradient(self._objective_gradient, gradient)
+        self._matrix = PETSc.Mat().createPython(((n, PETSc.DECIDE), (n, PETSc.DECIDE)), _Hessian(self), comm=comm)
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._matrix.setUp()
+        tao.setHessian(self._hessian, self._matrix)
+        tao.setVariableBounds((low, high))
+        tao.setSolution(z)
+        tao.setConvergenceTest(self._test)
+        with defaults(PREFIX, DEFAULTS):
+            tao.setFromOptions()
+        # |z_j| is free: a Newton step needs it held, by ½ |g_j| ln²(|z_j|/ρ_j)
+        self._held = tao.getType() in NEWTON
+        self._radius = self._stiffness = np.zeros(energy.slots.count)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects."""
+        for used in (self._tao, self._matrix, *self._vectors):
+            used.destroy()
+
+    def solve(self, x: NDArray) -> NDArray:
+        """Go on from x; returns the weights reached."""
+        s = self.slots
+        g = self.energy.gradient(x)
+        self._certify(x, g)
+        if self.certified or not s.count:
+            self.certified = True
+            return x
+        size = np.sqrt(s.columns(g, g))
+        # scaled so, a column's curvature is about 1 (its own energy over its length squared)
+        self._radius, self._stiffness = np.sqrt(size), size
+        z = self._vectors[0]
+        z.array[:] = x * np.repeat(self._radius, np.diff(s.start))
+        self._next = (np.inf, 0)
+        self._tao.solve()
+        self.iterations = self._before = self._before + self._tao.getIterationNumber()
+        reasons = {number: name for name, number in vars(PETSc.TAO.Reason).items() if name[0] in "CD"}
+        self.reason = reasons.get(int(self._tao.getConvergedReason()), "DIVERGED")
+        self._evaluate(z.array_r)
+        x = _lifted(self.energy, self.x)
+        self._certify(x, self.energy.gradient(x))
+        return x
+
+    # ------------------------------------------------------------------ energy in z
+
+    def _each(self, values: NDArray) -> NDArray:
+        return np.repeat(values, np.diff(self.slots.start))
+
+    def _combine(self, factor: NDArray, u: NDArray, other: NDArray, v: NDArray) -> NDArray:
+        """factor_j u + other_j v in each column j."""
+        s, out = self.slots, np.empty(len(self.slots))
+        kernel.call("combine", s.count, s.start, factor, u, other, v, out)
+        return out
+
+    def _evaluate(self, z: NDArray) -> None:
+        """x, g, |z_j| and x_j·g_j at z."""
+        # every rank must answer alike: what follows is collective
+        same = self._point is not None and np.array_equal(self._point, z)
+        if self.slots.comm.allreduce(same, op=MPI.LAND):
+            return
+        s = self.slots
+        self._point = z.copy()
+        length = np.sqrt(s.columns(z, z))
+        self.length = np.where(length > 0, length, 1.0)
+        nothing = np.zeros(s.count)
+        self.x = self._combine(1 / self.length, z, nothing, z)
+        self.g = self.energy.gradient(self.x)
+        self.along = s.columns(self.x, self.g)
+
+    def _objective_gradient(self, tao: PETSc.TAO, z: PETSc.Vec, out: PETSc.Vec) -> float:
+        self._evaluate(z.array_r)
+        ρ = self.length
+        radial = self.along.copy()
+        value = -self.energy.value(self.x, self.g)
+        if self._held:
+            stretch = np.log(ρ / self._radius)
+            radial += self._stiffness * stretch
+            value += 0.5 * float((self._stiffness * stretch**2).sum())
+        # -(g - x (x·g))/ρ, and the holding force along x
+        out.array[:] = self._combine(-1 / ρ, self.g, radial / ρ, self.x)
+        return value
+
+    def _hessian(self, tao: PETSc.TAO, z: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat) -> None:
+        self._evaluate(z.array_r)
+        matrix.assemble()
+
+    def product(self, v: NDArray) -> NDArray:
+        """Hessian of the objective times v, at the last point evaluated."""
+        s, x, g, ρ = self.slots, self.x, self.g, self.length
+        xv = s.columns(x, v)
+        w = self._combine(1 / ρ, v, -xv / ρ, x)  # the change of x
+        dg = self.energy.couple(w)
+        turned = s.columns(w, g) + s.columns(x, dg)
+        out = -self._combine(1 / ρ, dg, -turned / ρ, x)
+        out += self._combine(self.along / ρ, w, -self.along * xv / ρ**2, x)
+        out += self._combine(xv / ρ**2, g, np.zeros(s.count), g)
+        if self._held:
+            k, stretch = self._stiffness, np.log(ρ / self._radius)
+            out += self._combine(k * stretch / ρ, w, k * (1 - stretch) * xv / ρ**2, x)
+        return out
+
+    # ------------------------------------------------------------------ when to stop
+
+    def _certify(self, x: NDArray, g: NDArray) -> None:
+        self.value = self.energy.value(x, g)
+        self.gap = self.energy.gap(x, g)
+        self.certified = self.gap <= self.wanted * max(self.value, 0.0)
+
+    def _test(self, tao: PETSc.TAO) -> None:
+        its, value, residual = tao.getSolutionStatus()[:3]
+        wanted, latest = self._next
+        if residual <= wanted or its >= latest:
+            self._evaluate(tao.getSolution().array_r)
+            x = _lifted(self.energy, self.x)
+            self._certify(x, self.g if x is self.x else self.energy.gradient(x))
+            # the gap falls like the square of the residual
+            missing = self.wanted * self.value / self.gap if self.gap > 0 else 1.0
+            self._next = (residual * min(1.0, 1.2 * missing**0.5), its + 10)
+        if self.monitor is not None:
+            row = {"iteration": self._before + its, "energy": -value, "residual": residual, "gap": self.gap}
+            self.monitor(row)
+        reason = PETSc.TAO.Reason
+        if self.certified:
+            tao.setConvergedReason(reason.CONVERGED_USER)
+        elif not np.isfinite(value) or not np.isfinite(residual):
+            tao.setConvergedReason(reason.DIVERGED_NAN)
+        elif its >= tao.getMaximumIterations():  # a test of one's own takes over all of TAO's
+            tao.setConvergedReason(reason.DIVERGED_MAXITS)
+        else:
+            tao.setConvergedReason(reason.CONTINUE_ITERATING)
+
+
+class _Hessian:
+    """The matrix TAO's Newton types see."""
+
+    def __init__(self, solver: _Solver) -> None:
+        self._solver = solver
+
+    def mult(self, matrix: PETSc.Mat, v: PETSc.Vec, out: PETSc.Vec) -> None:
+        out.array[:] = self._solver.product(v.array_r)
