@@ -123,15 +123,20 @@ def reconstruct(
 
 
 def _lifted(energy: Energy, x: NDArray) -> NDArray:
-    """x with no weight at 0 where the energy grows from there, columns of unit length (collective)."""
+    """x with no weight at 0 where the energy could grow from there, columns of unit length (collective).
+
+    Where two events have no weight on a timeline and nothing else is there, the gradient is 0 although the energy grows
+    as both get some: such stationary points are no maxima where b = 0 (example 1 of section 3.2).
+    """
     s, g = energy.slots, energy.gradient(x)
-    stuck = (x == 0) & (g > 0)
-    if not s.comm.allreduce(int(stuck.sum())):
+    stuck, idle = (x == 0) & (g > 0), (x == 0) & (g == 0) & (s.coupling[s.pair] > 0)
+    if not s.comm.allreduce(int((stuck | idle).sum())):
         return x
     length = np.diff(s.start)
     size = np.repeat(np.sqrt(s.columns(g, g)), length)
     x = x.copy()
     x[stuck] = LIFT * g[stuck] / size[stuck]
+    x[idle] = LIFT * s.uniform()[idle]
     return x / np.repeat(np.sqrt(s.columns(x, x)), length)
 
 
