@@ -125,7 +125,8 @@ def calibration(slots: Slots, probabilities: NDArray, truth: NDArray, bins: int 
             np.bincount(number, minlength=bins),
             np.bincount(number, weights=probabilities[counted], minlength=bins),
             np.bincount(number, weights=_is_true(slots, truth)[counted], minlength=bins),
-        ]
+        ],
+        dtype=float,  # of no slots they are whole numbers
     )
     slots.comm.Allreduce(MPI.IN_PLACE, sums)
     count, predicted, observed = sums
