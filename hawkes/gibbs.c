@@ -32,13 +32,14 @@ static double gain(int64_t events, const double *time, const int64_t *next, int6
 
 /* One sweep over all events. pair[e]: timeline of each event, -1 for one that no timeline could explain, or, if
  * `fresh`, incomplete ones that have not been put anywhere yet. slot[e]: the event's number among those with slots,
- * -1 otherwise; complete ones have none or one slot. uniform: a random number for each event with slots; mean: gets the
+ * -1 otherwise; complete ones have none or one slot. uniform: a random number for each event with slots; the
+ * conditional probabilities are those to the `power`, 1 unless in a hurry to leave the starting point; mean: gets the
  * conditional probabilities added. past, last: what is carried along, an entry for each timeline; head, next: the
  * lists; value: room for the largest number of candidates. */
 void extremal_gibbs(int64_t events, const double *time, const int32_t *slot, const int64_t *start,
                     const int32_t *candidate, int64_t pairs, const double *mu, const double *theta,
-                    const double *omega, double end, const double *uniform, int64_t fresh, int32_t *pair, double *past,
-                    int64_t *last, int64_t *head, int64_t *next, double *value, double *mean) {
+                    const double *omega, double end, const double *uniform, double power, int64_t fresh, int32_t *pair,
+                    double *past, int64_t *last, int64_t *head, int64_t *next, double *value, double *mean) {
   for (int64_t i = 0; i < pairs; ++i) {
     past[i] = 0;
     last[i] = -1;
@@ -72,7 +73,7 @@ void extremal_gibbs(int64_t events, const double *time, const int32_t *slot, con
                         end);
         top = fmax(top, value[c]);
       }
-      for (int64_t c = 0; c < count; ++c) total += value[c] = exp(value[c] - top);
+      for (int64_t c = 0; c < count; ++c) total += value[c] = exp(power * (value[c] - top));
       double left = uniform[j] * total;
       i = -1;
       for (int64_t c = 0; c < count; ++c) {

@@ -38,18 +38,19 @@ class Sampler:
         self._carried = np.empty(K), np.empty(K, np.int64), np.empty(K, np.int64), np.empty(len(events), np.int64)
         self._room = np.empty(np.diff(slots.start).max(initial=1))
 
-    def sweep(self, network: Network, mean: NDArray) -> None:
+    def sweep(self, network: Network, mean: NDArray, power: float = 1.0) -> None:
         """Move each incomplete event once; its conditional probabilities are added to `mean` (S,).
 
-        The first sweep puts the events where they are likely given the complete ones and those put before.
+        The first sweep puts the events where they are likely given the complete ones and those put before. A `power`
+        below 1 of the probabilities moves more freely: of use before samples count.
         """
         slots = self._slots
         events, K = slots.events, len(network)
         past, last, head, following = self._carried
         kernel.call(
             "gibbs", len(events), events.time, self._order, slots.start, slots.pair, K, network.background,
-            network.branching, network.decay, float(events.duration), self._random.random(slots.count), self._fresh,
-            self.pair, past, last, head, following, self._room, mean, subject="gibbs",
+            network.branching, network.decay, float(events.duration), self._random.random(slots.count), float(power),
+            self._fresh, self.pair, past, last, head, following, self._room, mean, subject="gibbs",
         )  # fmt: skip
         self._fresh = False
 
@@ -68,7 +69,12 @@ def sum_of_chains(comm: MPI.Comm, mine: dict[int, NDArray]) -> NDArray:
     return sum(found[c] for c in sorted(found))  # type: ignore[return-value]
 
 
-def gibbs(slots: Slots, *, sweeps: int = 200, burn_in: int = 20, seed: Seed = 0, chains: int = 4) -> NDArray:
+def annealing(sweeps: int) -> NDArray:
+    """Powers of the first sweeps, rising to 1: clusters move as a whole only while they are loose."""
+    return np.minimum(1.0, np.linspace(0.1, 1.4, sweeps))
+
+
+def gibbs(slots: Slots, *, sweeps: int = 200, burn_in: int = 50, seed: Seed = 0, chains: int = 4) -> NDArray:
     """Posterior probabilities that each slot is where its event took place (collective).
 
     Samples of (3.1) times exp(-∫λ), given all complete events; each probability is the mean of the conditional
@@ -95,8 +101,8 @@ def gibbs(slots: Slots, *, sweeps: int = 200, burn_in: int = 20, seed: Seed = 0,
     sums = {}
     for c, sampler in samplers(slots, chains, seed).items():
         mean, unused = np.zeros(len(slots.whole)), np.zeros(len(slots.whole))
-        for _ in range(burn_in):
-            sampler.sweep(network, unused)
+        for power in annealing(burn_in):
+            sampler.sweep(network, unused, power)
         for _ in range(sweeps):
             sampler.sweep(network, mean)
         sums[c] = mean
