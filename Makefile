@@ -9,8 +9,10 @@ RESULTS ?= results/$(basename $(notdir $(SCENE)))
 # the scene says which command runs it
 PART = $(or $(shell sed -n 's/^part *= *"\([a-z]*\)".*/\1/p' $(SCENE)),elastic)
 
-packages := app forms meshes mpm native
+packages := app forms meshes mpm hawkes native
 python := .venv/bin/python
+# a neighbour that `make bench` measures beside ours, in a venv of its own
+taichi := build/peers/taichi
 export OMP_NUM_THREADS ?= 1
 # Open MPI refuses to start as root (in a container, say) unless told twice
 ifeq ($(shell id -u),0)
@@ -41,6 +43,10 @@ test-long test-hard: setup-dev
 
 bench: setup
 	$(python) -m extremal.app study cost
+	@[ -e $(taichi)/ready ] || { /usr/bin/python3 -m venv --clear $(taichi) && \
+	    $(taichi)/bin/python -m pip install -qq --disable-pip-version-check --no-input "taichi==1.7.*" && \
+	    touch $(taichi)/ready; } || echo "bench: taichi cannot be installed; the table does without it" >&2
+	$(python) -m extremal.app study snow-cost
 
 # mypy wants the packages where their import names say: a folder of links does it
 lint: setup-dev
