@@ -147,8 +147,7 @@ def _problem(comm: MPI.Comm, start: Particles, h: float, law: Law, **how: Any) -
 
 
 def _steps(problem: SnowProblem, dt: float, count: int) -> list[float]:
-    """Seconds of the processor a step, averaged over each of the batches that follow the first step."""
-    problem.advance(dt)  # it measures volumes, which no other does
+    """Seconds of the processor a step, averaged over each batch."""
     out = []
     for _ in range(max(1, count // BATCH)):
         began = time.process_time()
