@@ -119,7 +119,7 @@ def draw(path: Path, cells: Sequence[Cell]) -> None:
     tops = sorted({cell.top for cell in known})
     # panels are the first places, unless there is one case only
     panels, places = (tops, cases) if len(cases) > 1 else (cases, tops)
-    figure = Figure(figsize=(1.4 + max(3.6, 0.34 * len(places) + 1) * len(panels), 3.9), dpi=110, layout="constrained")
+    figure = Figure(figsize=(1.4 + max(3.6, 0.3 * len(places)) * len(panels), 4.4), dpi=110, layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for panel, ax in zip(panels, axes):
         ax.axhspan(-known[0].digit, known[0].digit, color="0.88", label="rounding of the source")
@@ -135,7 +135,7 @@ def draw(path: Path, cells: Sequence[Cell]) -> None:
         if len(cases) > 1:
             ax.tick_params(axis="x", rotation=90)
             ax.set_title(f"top {panel}", fontsize=10)
-    axes[0].set_ylabel("ours less the source's [percentage points]")
+    axes[0].set_ylabel("ours less the source's [points]")
     axes[0].legend(fontsize=8, frameon=False)
     with atomic(path) as partial:
         figure.savefig(partial, format="png")

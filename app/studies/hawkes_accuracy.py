@@ -37,7 +37,7 @@ LIMIT, LIMIT_ROUNDS = 1e-12, 200
 COLUMNS = (
     "data", "slots", "method", "setting", "seconds", "top_1", "low", "high", "flips", "events", "relative_gap",
 )  # fmt: skip
-RUNS = 100
+RUNS = 500
 
 
 @dataclass(frozen=True)
@@ -278,7 +278,7 @@ def draw(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     kinds = list(dict.fromkeys(row["data"] for row in rows))
     solved = [row for row in rows if "seconds" in row]
     names = list(dict.fromkeys(row["method"] for row in solved))
-    figure = Figure(figsize=(5.2 * len(kinds), 7.2), dpi=110, layout="constrained")
+    figure = Figure(figsize=(5.2 * len(kinds), 7.8), dpi=110, layout="constrained")
     axes = figure.subplots(2, len(kinds), squeeze=False)
     for column, kind in enumerate(kinds):
         for k, name in enumerate(names):
@@ -294,14 +294,16 @@ def draw(path: Path, rows: Sequence[dict[str, Any]]) -> None:
         size, of = next((row["slots"], row["events"]) for row in solved if row["data"] == kind)
         axes[0, column].set_title(f"{kind}: {size:,} slots each, {of:,} incomplete events", fontsize=10)
         axes[0, column].set_ylabel("true pair comes first [% of events]")
-        axes[1, column].set_ylabel("another first candidate than in the method's limit [%]")
+        axes[1, column].set_ylabel("flips from the method's limit [% of events]")
         axes[1, column].set_yscale("symlog", linthresh=100 / of)
         axes[1, column].set_ylim(bottom=0)
         axes[1, column].set_xlabel("seconds of the processor")
         for ax in axes[:, column]:
             ax.set_xscale("log")
             ax.grid(alpha=0.3)
-    axes[0, -1].legend(fontsize=7, loc="best")
+    lines = {line.get_label(): line for ax in axes[0] for line in ax.get_lines()}
+    figure.legend(lines.values(), lines.keys(), loc="lower center", ncol=5, fontsize=8, frameon=False)
+    figure.get_layout_engine().set(rect=(0, 0.06, 1, 0.94))
     axes[1, 0].text(
         0.98, 0.97, "points of a line: gap 1e-2 ... 1e-10;\n1 ... 5 rounds; increasing sweeps of Gibbs sampling",
         transform=axes[1, 0].transAxes, ha="right", va="top", fontsize=7,

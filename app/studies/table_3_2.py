@@ -25,22 +25,22 @@ NAME = "table-3.2"
 RUNS, QUICK = 4_000, 10
 EVENTS = 400
 TOPS = (1, 2, 3)
-SURROGATE = "29 agents"
+SURROGATE = 29  # agents of the network that is not complete
 SOURCE = {
-    ("5", 50): (57, 80, 92),
-    ("5", 100): (56, 79, 91),
-    ("5", 200): (54, 76, 90),
-    ("7", 50): (47, 69, 82),
-    ("7", 100): (46, 68, 80),
-    ("7", 200): (45, 65, 77),
-    ("9", 50): (42, 62, 73),
-    ("9", 100): (41, 60, 72),
-    ("9", 200): (39, 57, 69),
-    (SURROGATE, 50): (50, 72, 83),
-    (SURROGATE, 100): (49, 71, 82),
-    (SURROGATE, 200): (48, 68, 80),
+    (5, 50): (57, 80, 92),
+    (5, 100): (56, 79, 91),
+    (5, 200): (54, 76, 90),
+    (7, 50): (47, 69, 82),
+    (7, 100): (46, 68, 80),
+    (7, 200): (45, 65, 77),
+    (9, 50): (42, 62, 73),
+    (9, 100): (41, 60, 72),
+    (9, 200): (39, 57, 69),
+    (29, 50): (50, 72, 83),
+    (29, 100): (49, 71, 82),
+    (29, 200): (48, 68, 80),
 }
-GUESSING = {"5": (25, 50, 75), "7": (17, 33, 50), "9": (13, 25, 38), SURROGATE: (float("nan"),) * 3}
+GUESSING = {5: (25, 50, 75), 7: (17, 33, 50), 9: (13, 25, 38), 29: (float("nan"),) * 3}
 DIGIT = 0.5  # the source rounds to whole per cent
 
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, comm: MPI.Comm) -> int:
         f"{args.runs:,} runs a row, seed {args.seed}; ± is half the 95% confidence interval over runs; in brackets the "
         "source's number, and `outside` where it cannot lie in that interval. Mean of squared differences, rooted: "
         + ", ".join(f"{method} {_deviation(cells, method):.2f}" for method in METHODS[:2])
-        + " percentage points."
+        + " percentage points. * is the surrogate."
     )
     on_root(comm, lambda: output.publish(args, NAME.replace("-", "_").replace(".", "_"), cells, note))
     return EXIT_FINISHED
@@ -77,7 +77,7 @@ def table(comm: MPI.Comm, runs: int, seed: int) -> list[output.Cell]:
 
     cells = []
     for row, ((size, incomplete), source) in enumerate(SOURCE.items()):
-        network = surrogate() if size == SURROGATE else complete_network(int(size))
+        network = surrogate() if size == SURROGATE else complete_network(size)
         data = Data(network, EVENTS, incomplete)
         methods = (continuous, halved, guessing)
 
@@ -89,8 +89,8 @@ def table(comm: MPI.Comm, runs: int, seed: int) -> list[output.Cell]:
         for m, method in enumerate(METHODS):
             if method == "guessing" and incomplete != max(n for _, n in SOURCE):
                 continue  # it does not depend on n
+            case = f"k = {size}{'*' * (size == SURROGATE)}, n = {incomplete}"
             beside = GUESSING[size] if method == "guessing" else source
-            case = size if method == "guessing" else f"{size}, n = {incomplete}"
             for k, percent in zip(TOPS, beside):
                 cells.append(output.Cell(case, method, k, top(ranks[:, m].ravel(), k, label), percent, DIGIT))
     return cells
