@@ -35,6 +35,7 @@ class Command:
 COMMANDS = {
     "elastic": Command("elastic_command", "run a scene of invertible elasticity", True),
     "snow": Command("snow_command", "run a scene of snow", True),
+    "hawkes": Command("hawkes_command", "find unknown participants of events on a network", True),
     "check": Command("check_command", "validate scenes without running them; lists all errors", False),
     "mesh": Command("mesh_command", "build, convert and check a mesh", False),
     "render": Command("render_command", "draw pictures of the frames of a run of snow", False),
@@ -85,7 +86,7 @@ def dispatch(words: list[str], comm: MPI.Comm) -> int:
     if name.startswith("-"):
         raise InputError(f"{name}: options come after the command, one of {', '.join(COMMANDS)}")
     if name not in COMMANDS:
-        commands = " or ".join(f"extremal {part} {name}" for part in ("elastic", "snow"))
+        commands = " or ".join(f"extremal {part} {name}" for part in ("elastic", "snow", "hawkes"))
         hint = f"; write {commands}" if name.endswith(".toml") else "; " + suggestion(name, COMMANDS)
         raise InputError(f"{name}: unknown command{hint}")
     return _run(name, rest, comm)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from .parallel import on_root
 from .problem import Problem
 from .progress import Progress
-from .results import HISTORY, ITERATIONS, Frames, OutputError, Series, Table
+from .results import HISTORY, ITERATIONS, Frames, OutputError, Series, Table, write_columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -109,6 +109,13 @@ class Output:
                 write = self._gather_frame()
                 on_root(self.comm, write)
             self.frame_step = self.counts.step
+
+    def tables(self) -> None:
+        """Write the tables of the result, of a problem that has some."""
+        if hasattr(self.problem, "tables"):
+            with self.event:
+                found = self.problem.tables()
+                on_root(self.comm, lambda: [write_columns(self.folder / name, table) for name, table in found.items()])
 
     def iteration(self, figures: dict[str, float]) -> None:
         """Note an iteration of the solver.

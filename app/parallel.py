@@ -136,6 +136,7 @@ def _input_errors() -> tuple[type[Exception], ...]:
         "extremal.forms.laws": "LawError",
         "extremal.mpm.shapes": "BodyError",
         "extremal.mpm.law": "LawError",
+        "extremal.hawkes.events": "DataError",
     }
     return tuple(
         getattr(sys.modules[module], name) for module, name in names.items() if module in sys.modules

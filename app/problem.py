@@ -69,3 +69,11 @@ class ParticleProblem(Problem, Protocol):
     def particle_fields(self, names: Sequence[str] | None = None) -> dict[str, NDArray[Any]] | None:
         """Return on rank 0 "points", (n, 3) [m], and the fields asked for, in the order of `state`."""
         ...
+
+
+class TabularProblem(Problem, Protocol):
+    """A problem whose result is tables. `geometry` and `fields` return None."""
+
+    def tables(self) -> dict[str, dict[str, Sequence[Any]]]:
+        """Return on rank 0 columns by their names, by the names of CSV files; {} elsewhere."""
+        ...

@@ -6,7 +6,7 @@ import contextlib
 import csv
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 SCENE, RECORD, SUMMARY = "scene.toml", "run.json", "summary.png"
 HISTORY, ITERATIONS = "history.csv", "iterations.csv"
 SERIES, FRAMES, CHECKPOINTS = "fields.pvd", "fields", "checkpoints"
+PREDICTIONS, PARAMETERS, EVENTS, SCORES = "predictions.csv", "parameters.csv", "events.csv", "scores.csv"
+UNRESOLVABLE, CALIBRATION = "unresolvable.csv", "calibration.csv"
+TABLES = (PREDICTIONS, PARAMETERS, EVENTS, SCORES, UNRESOLVABLE, CALIBRATION)
 PARTIAL = ".partial"
 
 
@@ -94,7 +97,7 @@ def prepare(folder: Path, keep: bool) -> None:
         if keep:
             return
         # only files of ours: the folder may hold a user's notes too
-        for name in (SCENE, HISTORY, ITERATIONS, RECORD, SUMMARY, SERIES):
+        for name in (SCENE, HISTORY, ITERATIONS, RECORD, SUMMARY, SERIES, *TABLES):
             (folder / name).unlink(missing_ok=True)
         frames = [*(folder / FRAMES).glob("frame_*.vtu"), *(folder / FRAMES).glob("density_*.vdb")]
         for old in [*frames, *(folder / CHECKPOINTS).glob("step_*.h5")]:
@@ -158,6 +161,14 @@ def _number(value: float) -> str:
     """Return a number as text that gives the very same number back."""
     number = float(value)
     return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+
+def write_columns(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write a CSV file, column by column, whole or not at all; None is left blank."""
+    with atomic(path) as partial, open(partial, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
 
 
 def read_table(path: Path) -> tuple[list[str], list[dict[str, float]]]:

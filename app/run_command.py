@@ -1,4 +1,4 @@
-"""Running a scene of any part: `extremal elastic SCENE`, `extremal snow SCENE`."""
+"""Running a scene of any part: `extremal elastic SCENE`, `extremal snow SCENE`, `extremal hawkes SCENE`."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class TimedScene(Protocol):
 S = TypeVar("S", bound=TimedScene)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments which the commands of all parts take."""
+def add_arguments(parser: argparse.ArgumentParser, in_time: bool = True) -> None:
+    """Declare the arguments which the commands of all parts take; some only where scenes run in time."""
     parser.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
     parser.add_argument(
         "-o",
@@ -50,12 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="continue from the last checkpoint of the results folder, or of the folder or file FROM",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace earlier results in the folder")
-    parser.add_argument(
-        "--steps",
-        metavar="N",
-        type=step_count,
-        help="do the run in N steps (instead of [analysis] time_step)",
-    )
+    if in_time:
+        parser.add_argument(
+            "--steps",
+            metavar="N",
+            type=step_count,
+            help="do the run in N steps (instead of [analysis] time_step)",
+        )
     parser.add_argument("--quiet", action="store_true", help="no progress, only notes and the end")
 
 
@@ -88,7 +89,7 @@ def run_scene(
         folder = args.output or Path("results") / Path(args.scene).stem
         restart = None if args.restart is None else Path(args.restart or folder)
         on_root(comm, lambda: check_folder(folder, restart, args.overwrite))
-        if args.steps is not None:
+        if getattr(args, "steps", None) is not None:
             scene = in_steps(scene, args.steps)
         options.add_scene(scene.petsc)
         return _solve(changed(scene), folder, restart, args, options, comm)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from . import elastic_checks, snow_checks
+from . import elastic_checks, hawkes_checks, snow_checks
 from .elastic_scene import ElasticScene
 from .errors import InputError, suggestion
+from .hawkes_scene import HawkesScene
 from .parallel import on_root
 from .scene_common import Scene
 from .scene_errors import problem_line, problems_of, toml
@@ -61,6 +62,11 @@ PARTS = {
             "body": [{"shape": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0}],
             "analysis": {"end_time": 1.0},
         },
+    ),
+    "hawkes": Part(
+        HawkesScene,
+        hawkes_checks.cross_checks,
+        {"network": {"agents": 3}, "simulation": {"count": 1, "incomplete": 1}},
     ),
 }
 
@@ -137,7 +143,7 @@ def validate(data: Mapping[str, Any], name: str = "scene") -> Any:
 
     Returns
     -------
-    ElasticScene or SnowScene
+    ElasticScene, SnowScene or HawkesScene
 
     Raises
     ------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import sys
 import time as clock
@@ -24,6 +25,7 @@ from .stepsize import StepSize
 
 # A checkpoint is written when this much wall time has passed since the last one, however few the steps [s].
 CHECKPOINT_SECONDS = 600.0
+SUMMARIES = {"snow": "snow_summary", "hawkes": "hawkes_summary"}
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class _Session:
             smallest=analysis.smallest_step,
             largest=analysis.largest_step,
             adaptive=analysis.adaptive,
-            every=scene.output.every,
+            every=getattr(scene.output, "every", None),
         )
         self.counts = Counts()
         self.output = Output(problem, scene.output, folder, self.counts)
@@ -121,6 +123,7 @@ class _Session:
                 self._save_if_due()
                 self._stop_if_asked(request)
             self._save()
+            self.output.tables()
         except _Ended as end:
             status, reason = end.status, end.reason + (self._try_to_save() if end.state_is_good else "")
         except OutputError as error:
@@ -300,7 +303,7 @@ class _Session:
         try:
             self.problem.restore(kept[0].state if kept else {})
         except ValueError as error:
-            raise InputError(f"{path}: {error}; accepted is a checkpoint of all that [output] asks for") from None
+            raise InputError(f"{path}: {error}") from None
         self.problem.time = facts["time"]
         self.step_size.restore(facts["step_size"])
         self.counts.step, self.counts.iterations = facts["step"], facts["iterations"]
@@ -351,11 +354,8 @@ class _Session:
         try:
             record.write_record(self.folder, facts)
             if self.scene.output.summary:
-                if self.output.has_particles:
-                    from .snow_summary import draw
-                else:
-                    from .summary import draw
-                draw(self.folder)
+                drawn_by = SUMMARIES.get(self.scene.part, "summary")
+                importlib.import_module(f".{drawn_by}", __package__).draw(self.folder)
         except ImportError as error:
             print(f"{results.SUMMARY} not drawn: {error}")
         except OutputError as error:

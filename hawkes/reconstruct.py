@@ -31,7 +31,15 @@ LIFT = 1e-8  # of the weight that a sweep would give: a slot at its bound has in
 
 
 class ReconstructionError(ArithmeticError):
-    """The maximum was not reached; the message says why TAO stopped, and where it stands."""
+    """The maximum was not reached; the message says why TAO stopped, and where it stands.
+
+    Attributes
+    ----------
+    reached : Reconstruction
+        Where it stands.
+    """
+
+    reached: Reconstruction
 
 
 @dataclass(frozen=True)
@@ -115,10 +123,12 @@ def reconstruct(
         solver.destroy()
     result = Reconstruction(x, solver.value, solver.gap, solver.iterations, solver.reason, time.perf_counter() - began)
     if not solver.certified:
-        raise ReconstructionError(
+        error = ReconstructionError(
             f"TAO ended with {solver.reason} after {solver.iterations} iterations at a relative gap of "
             f"{result.relative_gap:.3g}, above {gap:.3g}"
         )
+        error.reached = result
+        raise error
     return result
 
 

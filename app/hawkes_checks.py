@@ -1,0 +1,75 @@
+"""Checks between the tables of a scene of networks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
+
+from .scene_common import expectations, petsc_names
+from .scene_fields import Problem
+
+if TYPE_CHECKING:
+    from .hawkes_scene import HawkesScene
+
+
+def cross_checks(scene: HawkesScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
+    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
+
+    Parameters
+    ----------
+    scene : HawkesScene
+    missing : iterable of str
+        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
+    """
+    absent = set(missing)
+    groups: tuple[tuple[set[str], Callable[[HawkesScene], Iterator[Problem]]], ...] = (
+        ({"events", "simulation"}, _source_of_events),
+        ({"network", "simulation"}, _simulation),
+        ({"network", "estimation"}, _estimation),
+        (set(), lambda scene: petsc_names(scene.petsc)),
+        ({"simulation", "method", "estimation"}, _expectations),
+    )
+    for tables, check in groups:
+        if not tables & absent:
+            yield from (problem for problem in check(scene) if problem[0][0] not in absent)
+
+
+def _source_of_events(scene: HawkesScene) -> Iterator[Problem]:
+    if scene.events is None and scene.simulation is None:
+        yield ("events",), "is missing; give [events] with a file, or [simulation]"
+    if scene.events is not None and scene.simulation is not None:
+        yield ("simulation",), "is given instead of [events]; leave one of them out"
+
+
+def _simulation(scene: HawkesScene) -> Iterator[Problem]:
+    if scene.simulation is None or scene.network.file is not None:
+        return
+    if scene.network.background == 0:
+        yield ("network", "background"), "must be above 0 for a [simulation]: nothing would ever happen"
+    if scene.simulation.duration is not None and scene.network.branching >= 1:
+        yield ("network", "branching"), "must be below 1 for a [simulation] of a duration: events would multiply forever"
+
+
+def _estimation(scene: HawkesScene) -> Iterator[Problem]:
+    if scene.estimation is None:
+        return
+    for key in ("background", "branching"):
+        own = getattr(scene.estimation, key)
+        table, start = ("network", getattr(scene.network, key)) if own is None else ("estimation", own)
+        if start == 0 and (table == "estimation" or scene.network.file is None):
+            yield (table, key), "must be above 0 for an [estimation]: it would stay 0"
+
+
+def _expectations(scene: HawkesScene) -> Iterator[Problem]:
+    from .hawkes_scene import DIAGNOSTICS, SCORES
+
+    yield from expectations(scene.expect, DIAGNOSTICS)
+    for name in scene.expect:
+        if name in SCORES and scene.simulation is None:
+            yield ("expect", name), "needs [simulation]: the truth of other events is not known"
+        elif (name == "log_loss" or name.endswith("_probabilities")) and scene.method.probabilities == "none":
+            yield ("expect", name), 'needs [method] probabilities other than "none"'
+        elif name == "change" and scene.estimation is None:
+            yield ("expect", name), "needs [estimation]"
+        elif name in ("gap", "tao_iterations") and not scene.method.is_default:
+            yield ("expect", name), "belongs to (3.5), which [method] replaces"
