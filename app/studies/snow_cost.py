@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import record
 from ..errors import EXIT_FINISHED, InputError
+from ._process import output_of, report_of
 from ._table import aligned, machine, make_folder, petsc_options, write_rows
 
 if TYPE_CHECKING:
@@ -50,7 +48,6 @@ EVENTS = {
 STEP = "explicit step"
 NEIGHBOUR = Path(__file__).with_name("_taichi_mls_mpm.py")
 TAICHI = Path("build/peers/taichi/bin/python")
-PATIENCE = 900  # [s] that another process may take
 COLUMNS = ("quantity", "particles", "ours_ns", "taichi_ns", "ratio", "note")
 RANK_COLUMNS = ("step", "particles", "one_rank_ms", "two_ranks_ms", "speed_up")
 
@@ -206,12 +203,9 @@ def _taichi(
     with tempfile.TemporaryDirectory(prefix="extremal-") as folder:
         path = Path(folder) / "particles.npz"
         _save(path, given)
-        words = _output([str(python), str(NEIGHBOUR), str(path)])
-    lines = words.splitlines()
-    try:
-        report = json.loads(lines[-1])
-    except (IndexError, ValueError):
-        return None, f"taichi: did not run: {lines[-1] if lines else 'it said nothing'}"
+        report, words = report_of([str(python), str(NEIGHBOUR), str(path)])
+    if report is None:
+        return None, f"taichi: did not run: {words}"
     version, theirs = report["version"], report["kinetic_energy"]
     return report["seconds"], (
         f"taichi {version}: MLS-MPM, quadratic splines, single precision, one thread, the same particles in the same "
@@ -244,18 +238,6 @@ def _save(path: Path, arrays: Mapping[str, NDArray[Any] | float]) -> None:
     import numpy as np
 
     np.savez(path, **{name: np.asarray(values) for name, values in arrays.items()})
-
-
-def _output(command: list[str]) -> str:
-    """What a process printed, its complaints if it failed."""
-    try:
-        # os.environ lacks the marks that this process's MPI has left in the C environment and that mpirun dislikes
-        done = subprocess.run(
-            command, env=dict(os.environ), stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=PATIENCE
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        return str(error)
-    return done.stdout if done.returncode == 0 else done.stdout + done.stderr
 
 
 # ---------------------------------------------------------------------- two ranks
@@ -301,7 +283,7 @@ def on_two_ranks(kind: str, coarse: float, repetitions: int) -> dict[str, Any]:
             for ranks in best:
                 results = Path(folder) / f"{ranks}-{repetition}"
                 ours = [sys.executable, "-m", "extremal.app", "snow", str(scene), "-o", str(results), "--quiet"]
-                words = _output(["mpirun", "--oversubscribe", "-n", str(ranks), *ours])
+                words = output_of(["mpirun", "--oversubscribe", "-n", str(ranks), *ours])
                 if not (results / "history.csv").exists():
                     note = (words.strip().splitlines() or ["mpirun said nothing"])[0]
                     return dict.fromkeys(RANK_COLUMNS, "") | {"step": f"{kind}: {note}"}
