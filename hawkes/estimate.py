@@ -141,6 +141,23 @@ class Estimation:
         """Pairs whose estimated θ is 1 or more: such a process grows without bound, and nothing else does for long."""
         return np.flatnonzero(self.network.branching >= 1)
 
+    def state(self) -> dict[str, NDArray]:
+        """What `restore` needs, of a method that samples and has made a round; on rank 0 (collective)."""
+        if not self._rounds:
+            return {}
+        mine = {c: sampler.state() for c, sampler in self._samplers.items()}
+        everyone = self._slots.comm.gather(mine) or []
+        chains = {c: parts for some in everyone for c, parts in some.items()}
+        found = [np.stack([chains[c][k] for c in sorted(chains)]) if chains else np.zeros(0) for k in (0, 1)]
+        return {"pair": found[0], "random": found[1], "rounds": np.array(self._rounds), "values": self._values}
+
+    def restore(self, state: dict[str, NDArray]) -> None:
+        """Go on from what `state` gave, on any number of ranks; the same on all of them."""
+        if state:
+            self._rounds, self._values = list(state["rounds"]), state["values"]
+            for c, sampler in self._samplers.items():
+                sampler.restore(state["pair"][c], state["random"][c])
+
     def standard_errors(self, samples: int = 100) -> NDArray:
         """Standard errors of μ, θ, ω (collective): (3,) if shared, else (3, K), 0 for inactive pairs.
 

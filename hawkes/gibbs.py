@@ -54,6 +54,21 @@ class Sampler:
         )  # fmt: skip
         self._fresh = False
 
+    def state(self) -> tuple[NDArray, NDArray]:
+        """The pairs, and the state of the random numbers, for `restore`."""
+        found = self._random.bit_generator.state
+        return self.pair.copy(), np.concatenate(
+            [found["state"]["counter"], found["state"]["key"], found["buffer"], [found["buffer_pos"]]]
+        ).astype(np.uint64)
+
+    def restore(self, pair: NDArray, random: NDArray) -> None:
+        """Go on from what `state` gave of a sampler that had made a sweep."""
+        self.pair[:], self._fresh = pair, False
+        state = self._random.bit_generator.state
+        state["state"] = {"counter": random[:4].copy(), "key": random[4:6].copy()}
+        state["buffer"], state["buffer_pos"] = random[6:10].copy(), int(random[10])
+        self._random.bit_generator.state = state
+
 
 def samplers(slots: Slots, chains: int, seed: Seed) -> dict[int, Sampler]:
     """This rank's chains by their number; each has random numbers of its own, whatever the number of ranks."""
