@@ -144,7 +144,8 @@ def _names(
     missing = [name for name in needed if name not in header]
     if missing:
         found = ", ".join(map(_quoted, header))
-        raise InputError(f"{path}: line 1: column {missing[0]} is missing; must name {', '.join(needed)}, found {found}")
+        words = f"column {missing[0]} is missing; must name {', '.join(needed)}, found {found}"
+        raise InputError(f"{path}: line 1: {words}")
     if others:
         notes.append(f"{path}: columns without a meaning here: {', '.join(map(_quoted, others))}")
     return [name for name in known if name in header]

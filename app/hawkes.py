@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,8 @@ from .hawkes_data import Data
 from .parallel import on_root
 
 if TYPE_CHECKING:
+    from extremal.hawkes.estimate import Estimation
+
     from .hawkes_scene import HawkesScene
 
 
@@ -81,6 +82,10 @@ class NetworkRun(HawkesProblem):
             tables[results.CALIBRATION] = hawkes_tables.calibration(self.slots, self.probabilities, truth)
         if self.comm.rank > 0:
             return {}
+        supercritical = int((self.network.branching >= 1).sum())
+        if self.estimation is not None and supercritical:
+            doubt = "their events would multiply for ever; do not trust these parameters"
+            print(f"branching of {supercritical} pairs is 1 or more: {doubt}", flush=True)
         tables[results.EVENTS] = hawkes_tables.events(self.data)
         strange = hawkes_tables.unresolvable(self, self.data)
         if strange["event"]:
@@ -150,5 +155,10 @@ def method_of(scene: HawkesScene) -> Method:
     return Method(m.gap, m.sweeps, constraint, normalised, m.probabilities, m.samples, m.seed)
 
 
-def _estimation(comm: MPI.Comm, scene: HawkesScene, data: Data) -> Any:
-    raise NotImplementedError
+def _estimation(comm: MPI.Comm, scene: HawkesScene, data: Data) -> Estimation:
+    from extremal.hawkes.estimate import Estimation, rough_guess
+
+    wanted = scene.estimation
+    assert wanted is not None
+    begin = rough_guess(data.network, data.events)
+    return Estimation(comm, begin, data.events, per_pair=wanted.per_pair, strength=wanted.shrinkage, seed=wanted.seed)

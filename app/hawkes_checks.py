@@ -25,7 +25,6 @@ def cross_checks(scene: HawkesScene, missing: Iterable[str] = ()) -> Iterator[Pr
     groups: tuple[tuple[set[str], Callable[[HawkesScene], Iterator[Problem]]], ...] = (
         ({"events", "simulation"}, _source_of_events),
         ({"network", "simulation"}, _simulation),
-        ({"network", "estimation"}, _estimation),
         (set(), lambda scene: petsc_names(scene.petsc)),
         ({"simulation", "method", "estimation"}, _expectations),
     )
@@ -47,17 +46,7 @@ def _simulation(scene: HawkesScene) -> Iterator[Problem]:
     if scene.network.background == 0:
         yield ("network", "background"), "must be above 0 for a [simulation]: nothing would ever happen"
     if scene.simulation.duration is not None and scene.network.branching >= 1:
-        yield ("network", "branching"), "must be below 1 for a [simulation] of a duration: events would multiply forever"
-
-
-def _estimation(scene: HawkesScene) -> Iterator[Problem]:
-    if scene.estimation is None:
-        return
-    for key in ("background", "branching"):
-        own = getattr(scene.estimation, key)
-        table, start = ("network", getattr(scene.network, key)) if own is None else ("estimation", own)
-        if start == 0 and (table == "estimation" or scene.network.file is None):
-            yield (table, key), "must be above 0 for an [estimation]: it would stay 0"
+        yield ("network", "branching"), "must be below 1 for a [simulation] of a duration: events would multiply"
 
 
 def _expectations(scene: HawkesScene) -> Iterator[Problem]:
@@ -69,7 +58,7 @@ def _expectations(scene: HawkesScene) -> Iterator[Problem]:
             yield ("expect", name), "needs [simulation]: the truth of other events is not known"
         elif (name == "log_loss" or name.endswith("_probabilities")) and scene.method.probabilities == "none":
             yield ("expect", name), 'needs [method] probabilities other than "none"'
-        elif name == "change" and scene.estimation is None:
+        elif name == "drift" and scene.estimation is None:
             yield ("expect", name), "needs [estimation]"
         elif name in ("gap", "tao_iterations") and not scene.method.is_default:
             yield ("expect", name), "belongs to (3.5), which [method] replaces"

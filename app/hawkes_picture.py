@@ -50,8 +50,8 @@ def draw_timelines(
     if true.any():
         right = seen & true
         axes.scatter(
-            slot_time[right], row[slot_pair[right]], s=42, marker="s", facecolor="none", edgecolor=TRUE, lw=1.1, zorder=4,
-            label="where it was",
+            slot_time[right], row[slot_pair[right]], s=42, marker="s", facecolor="none", edgecolor=TRUE, lw=1.1,
+            zorder=4, label="where it was",
         )  # fmt: skip
     axes.set_yticks(range(len(labels)), labels, fontsize=8 if len(labels) > 15 else 9)
     axes.set_ylim(len(labels) - 0.3, -0.7)
@@ -140,12 +140,14 @@ def draw_network(axes: Any, parameters: Columns) -> None:
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set_title(
-        f"{len(agents)} agents, {len(pairs):,} pairs; thickest line: {largest:,.0f} events", fontsize=10, loc="center", y=0.985
+        f"{len(agents)} agents, {len(pairs):,} pairs; thickest line: {largest:,.0f} events",
+        fontsize=10,
+        y=0.985,
     )
 
 
 def layout(count: int, pairs: NDArray[Any]) -> NDArray[Any]:
-    """Places (count, 2) of agents within the unit circle, near to each other where a few pairs lead from one to another.
+    """Places (count, 2) of agents within the unit square, near to each other where few pairs lie between them.
 
     On a circle where all are pairs, or where there are too many; else distances in the plane are fitted to distances
     along pairs (stress majorisation), beginning on that circle.

@@ -13,14 +13,15 @@ from .scene_common import Expected, PetscValue, Scene, Where
 from .scene_fields import Boolean, Integer, NotNegative, Number, NumberOrText, Positive, Problem, Table, Text
 
 COUNTS = ("events", "incomplete", "unresolvable", "slots")
-PARAMETERS = ("background", "branching", "decay", "largest_branching")
+PARAMETERS = ("background", "branching", "decay", "supercritical")
 BASELINES = ("guessing", "frequent", "linear")  # answers that need no reconstruction
 SCORES = (
-    *(f"top{k}{of}" for k in (1, 2, 3) for of in ("", "_low", "_high", "_probabilities", *(f"_{b}" for b in BASELINES))),
+    *(f"top{k}{end}" for k in (1, 2, 3) for end in ("", "_low", "_high")),
+    *(f"top{k}_{answer}" for k in (1, 2, 3) for answer in ("probabilities", *BASELINES)),
     "log_loss",
-    *(f"log_loss_{b}" for b in BASELINES),
+    *(f"log_loss_{answer}" for answer in BASELINES),
 )
-DIAGNOSTICS = (*COUNTS, *PARAMETERS, "change", "energy", "gap", "tao_iterations", *SCORES)
+DIAGNOSTICS = (*COUNTS, *PARAMETERS, "drift", "energy", "gap", "tao_iterations", *SCORES)
 
 
 class NetworkTable(Table):
@@ -126,7 +127,7 @@ class Method(Table):
         if not self.is_default:
             for key in ("gap", "sweeps"):
                 if key in given:
-                    yield (key,), "belongs to (3.5), that is p = 2 without hybrid and with functional = \"energy\""
+                    yield (key,), 'belongs to (3.5), that is p = 2 without hybrid and with functional = "energy"'
         if self.probabilities != "gibbs":
             for key in ("samples", "seed"):
                 if key in given:
@@ -134,18 +135,15 @@ class Method(Table):
 
 
 class Estimation(Table):
-    """[estimation]: parameters from the events themselves; those of [network] are where it begins."""
+    """[estimation]: parameters from the events themselves, by stochastic EM; of [network], only zeros count."""
 
     rounds: Annotated[Integer, Field(ge=1, le=100_000)] = Field(
-        100, description="rounds of drawing participants and refitting; the mean of the later ones is the result"
+        100, description="rounds of sampling participants and fitting parameters; the result is the mean of later ones"
     )
     per_pair: Boolean = Field(False, description="each pair has parameters of its own, drawn towards the common ones")
     shrinkage: NotNegative = Field(
-        5.0, description="per_pair: strength of that pull, in events [1]; 0: none, and pairs with few events go astray"
+        5.0, description="per_pair: how strongly, in events that would outweigh the common values [1]"
     )
-    background: NotNegative | None = Field(None, description="μ to begin with, instead of that of [network]")
-    branching: NotNegative | None = Field(None, description="θ to begin with, instead of that of [network]")
-    decay: Positive | None = Field(None, description="ω to begin with, instead of that of [network]")
     seed: Annotated[Integer, Field(ge=0)] = Field(1, description="of its random numbers")
 
     def problems(self) -> Iterator[Problem]:

@@ -68,13 +68,13 @@ def parameters(problem: HawkesProblem, data: Data) -> Table:
     Collective; {} but on rank 0.
     """
     slots, network = problem.slots, problem.network
+    errors = problem.standard_errors()
     expected = slots.gather(problem.weights**2 if problem.probabilities is None else problem.probabilities)
     if expected is None:
         return {}
     events = data.events
     number = network.number(*events.participants[~events.incomplete].T)
     table: Table = _names(network, np.arange(len(network)))
-    errors = problem.standard_errors()
     for name in ("background", "branching", "decay"):
         table[name] = getattr(network, name).tolist()
         if errors is not None:

@@ -25,6 +25,8 @@ from .slots import Slots
 if TYPE_CHECKING:
     from .estimate import Estimation
 
+NAMES = ("background", "branching", "decay")
+
 
 @dataclass(frozen=True)
 class Method:
@@ -97,7 +99,6 @@ class HawkesProblem:
         self.weights: NDArray | None = None
         self.probabilities: NDArray | None = None
         self.found: dict[str, float] = {}
-        self._change = math.inf
         self.effects: dict[str, dict[str, float]] = {"reconstruction": {"slots": self._count_slots()}}
         if method.probabilities != "none":
             self.effects[method.probabilities] = {}
@@ -129,12 +130,9 @@ class HawkesProblem:
 
     def _estimate(self) -> None:
         assert self.estimation is not None
-        before = _means(self.network)
         with PETSc.Log.Event("hawkes:estimation"):
             self.estimation.step()
         self.network = self.estimation.network
-        after = _means(self.network)
-        self._change = max(abs(after[name] / before[name] - 1) if before[name] else 0.0 for name in after)
 
     def _reconstruct(self) -> dict[str, float]:
         if self.estimation is not None:
@@ -185,27 +183,29 @@ class HawkesProblem:
 
     def diagnostics(self) -> dict[str, float]:
         """Counts, means of the parameters over active pairs, and what is known of the answer (collective)."""
-        active = self.network.active
         found = {
             "events": float(len(self.events)),
             "incomplete": float(self.events.incomplete.sum()),
             "unresolvable": float(len(self.slots.unresolvable)),
             "slots": self._count_slots(),
             **_means(self.network),
-            "largest_branching": float(self.network.branching[active].max(initial=0.0)),
+            "supercritical": float((self.network.branching >= 1).sum()),
         }
-        if math.isfinite(self._change):
-            found["change"] = self._change
+        if self.estimation is not None and math.isfinite(self.estimation.drift):
+            found["drift"] = self.estimation.drift
         return found | self.found
 
     def standard_errors(self) -> dict[str, NDArray] | None:
-        """Of the parameters of each pair (K,), where they were estimated."""
-        return None if self.estimation is None else self.estimation.standard_errors()
+        """Of the parameters of each pair (K,), where they were estimated (collective)."""
+        if self.estimation is None:
+            return None
+        with PETSc.Log.Event("hawkes:estimation:errors"):
+            return self.estimation.standard_errors()
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Parameters, estimation and answer, on rank 0 (collective)."""
-        parts = {"data": _digest(self.network, self.events), "change": np.array(self._change)}
-        parts |= {name: getattr(self.network, name) for name in ("background", "branching", "decay")}
+        parts = {"data": _digest(self.network, self.events)}
+        parts |= {name: getattr(self.network, name) for name in NAMES}
         parts |= {f"found_{name}": np.array(value) for name, value in self.found.items()}
         if self.estimation is not None:
             parts |= {f"estimation_{name}": values for name, values in self.estimation.state().items()}
@@ -228,8 +228,7 @@ class HawkesProblem:
         present = self.comm.bcast([name for name, values in large.items() if values is not None])
         if not np.array_equal(small["data"], _digest(self.network, self.events)):
             raise ValueError("network or events have been changed since")
-        self._change = float(small["change"])
-        self.network = self.network.with_parameters(*(small[n] for n in ("background", "branching", "decay")))
+        self.network = self.network.with_parameters(*(small[n] for n in NAMES))
         self.slots = Slots.build(self.comm, self.network, self.events)
         prefix = "estimation_"
         if self.estimation is not None:
@@ -248,7 +247,7 @@ class HawkesProblem:
 
 def _means(network: Network) -> dict[str, float]:
     active = network.active
-    return {n: float(getattr(network, n)[active].mean()) for n in ("background", "branching", "decay")}
+    return {name: float(np.average(getattr(network, name), weights=active)) if active.any() else 0.0 for name in NAMES}
 
 
 def _digest(network: Network, events: Events) -> NDArray:

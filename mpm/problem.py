@@ -336,7 +336,7 @@ class SnowProblem:
         rank, wanted = self.comm.rank, self.particles.arrays()
         missing = self.comm.bcast([name for name in wanted if name not in state] if rank == 0 else None)
         if missing:
-            raise ValueError(f"has no {' and no '.join(missing)}; accepted is a checkpoint of all that is to be written")
+            raise ValueError(f"has no {' and no '.join(missing)}; accepted is a checkpoint with what is to be written")
         dissipated = self.comm.bcast(float(state["dissipated"][0]) if rank == 0 else None)
         arrays = {name: values for name, values in state.items() if name in wanted}
         parts = None
