@@ -158,8 +158,8 @@ class Estimation:
             for c, sampler in self._samplers.items():
                 sampler.restore(state["pair"][c], state["random"][c])
 
-    def standard_errors(self, samples: int = 100) -> NDArray:
-        """Standard errors of μ, θ, ω (collective): (3,) if shared, else (3, K), 0 for inactive pairs.
+    def standard_errors(self, samples: int = 50) -> dict[str, NDArray]:
+        """Standard errors of `background`, `branching` and `decay` of each pair (K,), 0 if inactive (collective).
 
         From the observed information of the incomplete data, by Louis' identity
             I = E[-∇²ℓ] - Var[∇ℓ],
@@ -178,13 +178,13 @@ class Estimation:
             raise ValueError("soft EM has no standard errors")
         network, sums = self.network, {}
         for c, sampler in self._samplers.items():
-            parts = []
+            sums[c] = np.zeros(())
             for _ in range(samples):
                 sampler.sweep(with_floor(network), self._unused)
                 found = self._statistics(sampler.pair, network)
                 score, curvature = self._grouped(found.score), self._grouped(found.curvature)
-                parts.append(np.concatenate([-curvature, score[:, None] * score, score[None]]))
-            sums[c] = np.mean(parts, axis=0) / self.chains
+                moments = np.concatenate([-curvature, score[:, None] * score, score[None]])
+                sums[c] = sums[c] + moments / (samples * self.chains)
         total = sum_of_chains(self.comm, sums)
         information = total[:3] - (total[3:6] - total[6][:, None] * total[6])
         values = np.stack([network.background, network.branching, network.decay])[:, self._active]
@@ -192,11 +192,9 @@ class Estimation:
             mean = values.mean(axis=1, keepdims=True)
             information += np.eye(3)[:, :, None] * (self.strength * values / np.maximum(mean, _LEAST))[:, None]
         errors = np.stack([_deviations(information[..., g]) for g in range(information.shape[2])], axis=1)
-        if not self.per_pair:
-            return errors[:, 0] * values[:, 0]
         out = np.zeros((3, len(network)))
         out[:, self._active] = errors * values
-        return out
+        return dict(zip(("background", "branching", "decay"), out))
 
     def _with(self, values: NDArray) -> Network:
         rows = np.stack([self._start.background, self._start.branching, self._start.decay])
