@@ -57,9 +57,9 @@ class Sampler:
     def state(self) -> tuple[NDArray, NDArray]:
         """The pairs, and the state of the random numbers, for `restore`."""
         found = self._random.bit_generator.state
-        return self.pair.copy(), np.concatenate(
-            [found["state"]["counter"], found["state"]["key"], found["buffer"], [found["buffer_pos"]]]
-        ).astype(np.uint64)
+        position = np.array([found["buffer_pos"]], dtype=np.uint64)  # a signed one would make floats of all
+        random = [found["state"]["counter"], found["state"]["key"], found["buffer"], position]
+        return self.pair.copy(), np.concatenate(random)
 
     def restore(self, pair: NDArray, random: NDArray) -> None:
         """Go on from what `state` gave of a sampler that had made a sweep."""
