@@ -112,10 +112,10 @@ def build(scene: HawkesScene, comm: MPI.Comm) -> NetworkRun:
             data = simulated(scene, comm)
     run = NetworkRun(comm, scene, data)
     if comm.rank == 0:
-        strange = hawkes_tables.unresolvable(run, data)["reason"]
         notes = list(data.notes)
-        for reason in dict.fromkeys(strange):
-            notes.append(f"{strange.count(reason)} events: {reason}; they are listed in {results.UNRESOLVABLE}")
+        strange = len(run.outside) + len(run.slots.unresolvable)
+        if strange:
+            notes.append(f"{strange} of {len(data.events)} events are on no active pair: see {results.UNRESOLVABLE}")
         if not data.events.incomplete.any():
             notes.append("no event is incomplete: there is nothing to reconstruct")
         for note in notes:

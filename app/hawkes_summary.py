@@ -110,7 +110,7 @@ def _draw_scores(axes: Any, scores: Columns) -> None:
     axes.set_yticks(rows, [ANSWERS[answer] for answer in answers])
     axes.set_xlim(0, 100)
     axes.xaxis.set_major_formatter(ticker.PercentFormatter(decimals=0))
-    axes.set_title("true pair in the first 1 / 2 / 3 places", fontsize=10, loc="left")
+    axes.set_title("truth in the first 1, 2, 3 places", fontsize=10, loc="left")
 
 
 def _draw_calibration(axes: Any, calibration: Columns) -> None:

@@ -69,7 +69,11 @@ def parameters(problem: HawkesProblem, data: Data) -> Table:
     """
     slots, network = problem.slots, problem.network
     errors = problem.standard_errors()
-    expected = slots.gather(problem.weights**2 if problem.probabilities is None else problem.probabilities)
+    expected = problem.probabilities
+    if expected is None:
+        assert problem.weights is not None
+        expected = problem.weights**2
+    expected = slots.gather(expected)
     if expected is None:
         return {}
     events = data.events
@@ -86,12 +90,9 @@ def parameters(problem: HawkesProblem, data: Data) -> Table:
 
 def unresolvable(problem: HawkesProblem, data: Data) -> Table:
     """Events that the network cannot explain, and why not (not collective)."""
-    events, network = data.events, data.network
-    whole = np.flatnonzero(~events.incomplete)
-    strangers = whole[network.number(*events.participants[whole].T) < 0]
-    silent = problem.slots.unresolvable
-    event = np.concatenate([strangers, silent])
-    reason = ["no pair of the network"] * len(strangers) + ["no active pair could explain it"] * len(silent)
+    outside, open_ = problem.outside, problem.slots.unresolvable
+    event = np.concatenate([outside, open_])
+    reason = ["no active pair of the network"] * len(outside) + ["no active pair could explain it"] * len(open_)
     order = np.argsort(event, kind="stable")
     return _listed(data, event[order]) | {"reason": [reason[k] for k in order]}
 

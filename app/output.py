@@ -115,7 +115,12 @@ class Output:
         if hasattr(self.problem, "tables"):
             with self.event:
                 found = self.problem.tables()
-                on_root(self.comm, lambda: [write_columns(self.folder / name, table) for name, table in found.items()])
+
+                def write() -> None:
+                    for name, columns in found.items():
+                        write_columns(self.folder / name, columns)
+
+                on_root(self.comm, write)
 
     def iteration(self, figures: dict[str, float]) -> None:
         """Note an iteration of the solver.

@@ -74,8 +74,10 @@ class HawkesProblem:
         Rounds made.
     network : Network
         With the parameters as they are by now.
-    slots : Slots, optional
-        Of the incomplete events, once there is something to reconstruct with.
+    slots : Slots
+        Of the incomplete events.
+    outside : (n,) int64
+        Complete events on what is no active pair of the network: they have no part in anything.
     weights, probabilities : (S,), optional
         The answer.
     found : dict
@@ -93,9 +95,14 @@ class HawkesProblem:
     ) -> None:
         self.comm, self.network, self.events, self.method = comm, network, events, method
         self.estimation, self.rounds = estimation, rounds
+        if estimation is not None:
+            self.network = estimation.network
         self.time = 0.0
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
         self.slots = Slots.build(comm, network, events)
+        complete = np.flatnonzero(~events.incomplete)
+        pair = network.number(*events.participants[complete].T)
+        self.outside = complete[(pair < 0) | ~network.active[pair]]
         self.weights: NDArray | None = None
         self.probabilities: NDArray | None = None
         self.found: dict[str, float] = {}
@@ -186,7 +193,7 @@ class HawkesProblem:
         found = {
             "events": float(len(self.events)),
             "incomplete": float(self.events.incomplete.sum()),
-            "unresolvable": float(len(self.slots.unresolvable)),
+            "unresolvable": float(len(self.slots.unresolvable) + len(self.outside)),
             "slots": self._count_slots(),
             **_means(self.network),
             "supercritical": float((self.network.branching >= 1).sum()),
