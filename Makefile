@@ -11,8 +11,10 @@ PART = $(or $(shell sed -n 's/^part *= *"\([a-z]*\)".*/\1/p' $(SCENE)),elastic)
 
 packages := app forms meshes mpm hawkes native
 python := .venv/bin/python
-# a neighbour that `make bench` measures beside ours, in a venv of its own
-taichi := build/peers/taichi
+# $(call peer,NAME,PACKAGES): a neighbour that `make bench` measures beside ours, in a venv of its own
+peer = @[ -e build/peers/$1/ready ] || { /usr/bin/python3 -m venv --clear build/peers/$1 && \
+    build/peers/$1/bin/python -m pip install -qq --disable-pip-version-check --no-input $2 && \
+    touch build/peers/$1/ready; } || echo "bench: $1 cannot be installed; the table does without it" >&2
 export OMP_NUM_THREADS ?= 1
 # Open MPI refuses to start as root (in a container, say) unless told twice
 ifeq ($(shell id -u),0)
@@ -43,10 +45,11 @@ test-long test-hard: setup-dev
 
 bench: setup
 	$(python) -m extremal.app study cost
-	@[ -e $(taichi)/ready ] || { /usr/bin/python3 -m venv --clear $(taichi) && \
-	    $(taichi)/bin/python -m pip install -qq --disable-pip-version-check --no-input "taichi==1.7.*" && \
-	    touch $(taichi)/ready; } || echo "bench: taichi cannot be installed; the table does without it" >&2
+	$(call peer,taichi,"taichi==1.7.*")
 	$(python) -m extremal.app study snow-cost
+	$(call peer,clarabel,"clarabel==0.11.*" scipy)
+	$(call peer,tick,"tick==0.8.*")
+	$(python) -m extremal.app study hawkes-cost
 
 # mypy wants the packages where their import names say: a folder of links does it
 lint: setup-dev

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from . import kernel
 from .events import UNKNOWN, DataError, Events, Network
 
-Seed = int | np.random.SeedSequence
+Seed: TypeAlias = "int | np.random.SeedSequence"
 LIMIT = 20_000_000  # events of one simulation
 _BLOCK = 1 << 16  # events between two supplies of random numbers
 

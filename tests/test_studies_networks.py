@@ -11,6 +11,7 @@ from extremal.app.studies import (
     _network_table,
     figure_3_3,
     hawkes_accuracy,
+    hawkes_cost,
     table_3_1,
     table_3_2,
 )
@@ -93,6 +94,23 @@ def test_accuracy_against_time_has_all_methods_and_proves_the_gaps(comm, tmp_pat
     exact = next(row for row in rows if row["method"] == "enumeration (3.1)")
     assert exact["flips"] == "0"
     assert (tmp_path / "hawkes_accuracy.png").stat().st_size > 0
+
+
+def test_costs_are_measured_without_neighbours_too(comm, tmp_path):
+    words = ("--quick", "-o", tmp_path, "--peers", tmp_path / "nowhere")
+    assert hawkes_cost.run(arguments(hawkes_cost, *words), comm) == 0
+    rows = {row["quantity"]: row for row in rows_of(tmp_path / "hawkes_cost.csv")}
+    clarabel = rows["(3.5), 200 slots, 5 sweeps, beside Clarabel"]
+    assert (clarabel["theirs"], clarabel["met"]) == ("", "")
+    assert "is not there" in clarabel["note"]
+    assert any("L-BFGS-B" in name and float(row["theirs"]) > 0 for name, row in rows.items())
+    assert [row["met"] for name, row in rows.items() if name.endswith("gap 1e-08: time")] == ["yes"]
+
+
+def test_matrices_of_the_source_give_the_same_gradient_as_the_recursions():
+    slots, _ = _network_runs.Data(_network_runs.complete_network(5), 60, 30).slots(_network_runs.seed_of(1, 0))
+    x = np.random.default_rng(1).random(len(slots))
+    np.testing.assert_allclose(hawkes_cost.matrices(slots)(x), Energy(slots).couple(x), rtol=1e-12)
 
 
 def test_half_the_coupling_is_the_gradient_b_plus_a_r():

@@ -117,22 +117,23 @@ def draw(path: Path, cells: Sequence[Cell]) -> None:
     known = [cell for cell in cells if cell.source == cell.source]
     cases, methods = (list(dict.fromkeys(words)) for words in zip(*((c.case, c.method) for c in known)))
     tops = sorted({cell.top for cell in known})
-    # panels are the first places, unless there is one case only
-    panels, places = (tops, cases) if len(cases) > 1 else (cases, tops)
+    places = cases if len(cases) > 1 else [f"top {top}" for top in tops]
+    panels = tops if len(cases) > 1 else [0]  # a panel for each number of first places, unless there is one case only
     figure = Figure(figsize=(1.4 + max(3.6, 0.3 * len(places)) * len(panels), 4.4), dpi=110, layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for panel, ax in zip(panels, axes):
         ax.axhspan(-known[0].digit, known[0].digit, color="0.88", label="rounding of the source")
         for k, method in enumerate(methods):
-            mine = [c for c in known if c.method == method and panel in (c.case, c.top)]
-            at = [places.index(c.case if len(cases) > 1 else c.top) + 0.18 * (k - (len(methods) - 1) / 2) for c in mine]
+            mine = [c for c in known if c.method == method and panel in (0, c.top)]
+            shift = 0.18 * (k - (len(methods) - 1) / 2)
+            at = [shift + places.index(c.case if panel else f"top {c.top}") for c in mine]
             middle = [100 * c.found.share - c.source for c in mine]
             low = [100 * (c.found.share - c.found.low) for c in mine]
             high = [100 * (c.found.high - c.found.share) for c in mine]
             ax.errorbar(at, middle, (low, high), fmt="o", ms=4, capsize=2, lw=1, label=method)
         ax.axhline(0, color="0.5", lw=0.8)
-        ax.set_xticks(range(len(places)), [str(p) if len(cases) > 1 else f"top {p}" for p in places])
-        if len(cases) > 1:
+        ax.set_xticks(range(len(places)), places)
+        if panel:
             ax.tick_params(axis="x", rotation=90)
             ax.set_title(f"top {panel}", fontsize=10)
     axes[0].set_ylabel("ours less the source's [points]")

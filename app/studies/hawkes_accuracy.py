@@ -1,6 +1,6 @@
 """`extremal study hawkes-accuracy`: what accuracy costs, method by method and solver by solver.
 
-Two kinds of data: many small sets, whose 4^8 allocations can be summed exactly, and one large set with parameters that
+Two kinds of data: many small sets, whose 6^8 allocations can be summed exactly, and one large set with parameters that
 differ from pair to pair. Seconds are the processor's, on one core, without the making of slots. Flips are events whose
 first candidate is another than in the limit of the same method: (3.5) at a gap of 1e-12, mean field after many rounds,
 the exact posterior or else the longest sampling with another seed.
@@ -192,7 +192,7 @@ def measure(name: str, sets: Sequence[Set], samples: Sequence[int]) -> list[dict
 
     small = len(sets) > 1 or sets[0].slots.count < 20
     limits: dict[str, list[NDArray]] = {}
-    rows = []
+    rows: list[dict[str, Any]] = []
     for method, setting, solve, limit in methods(small, samples):
         family = method.partition(",")[0]
         if family not in limits:
