@@ -264,9 +264,9 @@ def rough_guess(network: Network, events: Events) -> Network:
     """Shared parameters to start an estimation with: half of the events background, and ω from the typical gap."""
     active = int(network.active.sum())
     N, T = max(len(events), 1), events.duration if events.duration > 0 else 1.0
-    pair = network.number(*events.participants[~events.incomplete].T)
+    pair, time = network.number(*events.participants[~events.incomplete].T), events.time[~events.incomplete]
     order = np.argsort(pair, kind="stable")
-    gaps = np.diff(events.time[~events.incomplete][order])[np.diff(pair[order]) == 0]
+    gaps = np.diff(time[order])[(np.diff(pair[order]) == 0) & (pair[order][1:] >= 0)]
     gaps = gaps[gaps > 0]
     typical = float(np.median(gaps)) if len(gaps) else T * active / N
     rows = [np.where(network.active, v, old) for v, old in (

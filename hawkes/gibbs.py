@@ -81,7 +81,7 @@ def sum_of_chains(comm: MPI.Comm, mine: dict[int, NDArray]) -> NDArray:
     found: dict[int, NDArray] = {}
     for part in comm.allgather(mine):
         found.update(part)
-    return sum(found[c] for c in sorted(found))  # type: ignore[return-value]
+    return sum(found[c] for c in sorted(found))
 
 
 def annealing(sweeps: int) -> NDArray:
