@@ -19,6 +19,8 @@ class Problem(Protocol):
         Time [s] or load parameter.
     effects : dict
         Effects that are on, with facts about each.
+    size : int
+        Degrees of freedom, particles or slots.
     on_iteration : callable, optional
         Set by the session; called on all ranks with figures of each solver iteration.
     """
@@ -26,6 +28,7 @@ class Problem(Protocol):
     comm: MPI.Comm
     time: float
     effects: dict[str, dict[str, float]]
+    size: int
     on_iteration: Callable[[dict[str, float]], None] | None
 
     def advance(self, dt: float) -> dict[str, float]:

@@ -127,20 +127,29 @@ def effects_with_cost(
     return table
 
 
-def resources(comm: MPI.Comm) -> dict[str, Any] | None:
-    """Return memory and processor time of each rank (collective; None on ranks other than 0)."""
+def resources(comm: MPI.Comm, before: float) -> dict[str, Any] | None:
+    """Return memory and processor time of each rank (collective; None on ranks other than 0).
+
+    Parameters
+    ----------
+    before : float
+        Processor seconds of this rank that starting has taken, which "run_cpu_seconds" leaves out.
+    """
+    seconds = time.process_time()
     mine = (
         platform.node(),
-        time.process_time(),
+        seconds,
+        seconds - before,
         resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
     )
     everyone = comm.gather(mine, root=0)
     if everyone is None:
         return None
-    hosts, seconds, memory = zip(*everyone, strict=True)
+    hosts, every, run, memory = zip(*everyone, strict=True)
     return {
         "hosts": sorted(set(hosts)),
-        "cpu_seconds": list(seconds),
+        "cpu_seconds": list(every),
+        "run_cpu_seconds": list(run),
         "peak_memory_bytes": list(memory),
     }
 

@@ -107,6 +107,7 @@ class _Session:
         self.diagnostics: dict[str, float] = {}
         self.saved_step = -1
         self.wall_before = 0.0  # seconds spent before a restart
+        self.cpu_before = clock.process_time()  # seconds that libraries, mesh and assembly have taken
         self.begin = self.saved_clock = clock.monotonic()
         self.began = record.now()
 
@@ -232,7 +233,7 @@ class _Session:
             "events": events,
             "effects": record.effects_with_cost(self.scene.part, self.problem.effects, events),
         }
-        facts |= record.resources(self.comm) or {}
+        facts |= record.resources(self.comm, self.cpu_before) or {}
         unwritten = on_root(self.comm, lambda: self._write_end(facts))
         if unwritten and status == "finished":
             status, reason, exit_code = "failed", unwritten, EXIT_SOLVER
@@ -334,6 +335,7 @@ class _Session:
             "part": self.scene.part,
             "status": status,
             "reason": reason,
+            "size": self.problem.size,
             "steps": self.counts.step,
             "time": self.problem.time,
             "diagnostics": self.diagnostics,

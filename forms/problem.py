@@ -127,6 +127,11 @@ class ElasticProblem:
         self.effects: dict[str, dict[str, Any]] = {name: {} for name, there in present.items() if there}
 
     @property
+    def size(self) -> int:
+        """Degrees of freedom, held ones among them."""
+        return int(self.equations.vector.getSize())
+
+    @property
     def is_dynamic(self) -> bool:
         """Whether there is inertia."""
         return self._scheme is not None

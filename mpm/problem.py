@@ -103,7 +103,7 @@ class SnowProblem:
             particles.carry_gradients()
         self._space = Decomposition(comm, cell_size, particles)
         self.particles = self._space.migrate(particles)
-        self._count = comm.allreduce(len(particles))
+        self.size = comm.allreduce(len(particles))
         self._mass = comm.allreduce(float(particles.mass.sum()))
         self._dissipated = 0.0
         self._nodes = 0
@@ -302,9 +302,9 @@ class SnowProblem:
         p = self.particles
         found = measures.conserved(self.comm, p)
         count, mass = found["particles"], found["mass"]
-        if count != self._count or not abs(mass - self._mass) <= measures.SAME_MASS * self._mass:
+        if count != self.size or not abs(mass - self._mass) <= measures.SAME_MASS * self._mass:
             raise measures.LostParticles(
-                f"{self._count - count:g} of {self._count} particles were lost, {self._mass:g} kg became {mass:g} kg"
+                f"{self.size - count:g} of {self.size} particles were lost, {self._mass:g} kg became {mass:g} kg"
             )
         energy = measures.energies(self.comm, p, self._kernel, self._table, self._gravity)
         speed = self.comm.allreduce(float(np.linalg.norm(p.velocity, axis=1).max(initial=0)), op=MPI.MAX)

@@ -85,6 +85,7 @@ class FakeProblem:
         self.effects: dict[str, dict[str, float]] = {"springs": {"stiffness": k}}
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
         self.points, self.cells, self.cell_type = box_of_tetrahedra(n, dimension)
+        self.size = dimension * len(self.points)
         self.dimension, self.fails, self.iterations, self.sleep, self.k, self.c = (
             dimension,
             fails,
