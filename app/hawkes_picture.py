@@ -17,6 +17,8 @@ SHOWN = 70  # events shown at most: more could not be told apart
 NAMED = 45  # agents whose names can be read
 LAID_OUT = 150  # agents; more stand on a circle
 PLACED, TRUE = "#3182bd", "#e6550d"
+SEEN = 0.02  # probability from which on a circle can be seen
+DRAWN = 1000  # pairs drawn in the network
 LARGEST = 150.0  # area of a circle of probability 1 [points²]
 
 
@@ -27,43 +29,42 @@ def draw_timelines(
 
     Where there are many events, those in the middle of the observation are shown.
     """
-    time = events.numbers("time", "")
-    begin = max(0, (len(time) - SHOWN) // 2)
-    window = slice(begin, begin + SHOWN)
     number = {_key(a, b): k for k, (a, b) in enumerate(zip(parameters["first"], parameters["second"]))}
-    first, second = events["first"][window], events["second"][window]
-    pair = np.array([number.get(_key(a, b), -1) for a, b in zip(first, second)], dtype=int)
-    shown = time[window]
-    slot_time, slot_pair, size, true = _circles(events["event"][window], shown, predictions, number)
-    row, labels = _rows(parameters, pair, slot_pair, size)
+    row, labels = _rows(parameters)
+    time = events.numbers("time", "")
+    complete = row[[number.get(_key(a, b), -1) for a, b in zip(events["first"], events["second"])]]
+    place, placed, size, true = _circles(events, predictions, number, row)
+    there = complete >= 0
+    there[place[size >= SEEN]] = True
+    begin = max(0, (int(there.sum()) - SHOWN) // 2)
+    shown = np.flatnonzero(there)[begin : begin + SHOWN]
+    if not len(shown):
+        shown = np.arange(min(1, len(time)))
+    low, high = _limits(time[shown])
 
-    incomplete = np.array([not (a and b) for a, b in zip(first, second)], dtype=bool)
-    axes.vlines(shown[incomplete], -0.7, len(labels) - 0.3, color="0.88", lw=0.8, zorder=0)
-    axes.hlines(range(len(labels)), *_limits(shown), color="0.8", lw=0.6, zorder=0)
-    whole = (pair >= 0) & (row[pair] >= 0)
-    axes.scatter(shown[whole], row[pair[whole]], s=15, color="black", zorder=3, label="complete event")
-    seen = row[slot_pair] >= 0
-    axes.scatter(
-        slot_time[seen], row[slot_pair[seen]], s=LARGEST * size[seen], facecolor=PLACED, edgecolor="none", alpha=0.75,
-        zorder=2, label="incomplete event: area by probability",
-    )  # fmt: skip
+    dots = shown[complete[shown] >= 0]
+    within = (time[place] >= low) & (time[place] <= high)
+    place, placed, size, true = (values[within] for values in (place, placed, size, true))
+    axes.vlines(np.unique(time[place[size >= SEEN]]), -0.7, len(labels) - 0.3, color="0.88", lw=0.8, zorder=0)
+    axes.hlines(range(len(labels)), low, high, color="0.8", lw=0.6, zorder=0)
+    axes.scatter(time[dots], complete[dots], s=15, color="black", zorder=3, label="complete event")
+    circle = {"facecolor": PLACED, "edgecolor": "none", "alpha": 0.75, "zorder": 2}
+    axes.scatter(time[place], placed, s=LARGEST * size, **circle)
+    axes.scatter([], [], s=0.5 * LARGEST, **circle, label="incomplete event: area by probability")
     if true.any():
-        right = seen & true
-        axes.scatter(
-            slot_time[right], row[slot_pair[right]], s=42, marker="s", facecolor="none", edgecolor=TRUE, lw=1.1,
-            zorder=4, label="where it was",
-        )  # fmt: skip
+        mark = {"s": 42, "marker": "s", "facecolor": "none", "edgecolor": TRUE, "lw": 1.1, "zorder": 4}
+        axes.scatter(time[place[true]], placed[true], **mark, label="where it was")
     axes.set_yticks(range(len(labels)), labels, fontsize=8 if len(labels) > 15 else 9)
     axes.set_ylim(len(labels) - 0.3, -0.7)
-    axes.set_xlim(*_limits(shown))
+    axes.set_xlim(low, high)
+    axes.ticklabel_format(axis="x", useOffset=False)
     axes.tick_params(axis="x", labelsize=8)
     axes.tick_params(axis="y", length=0)
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.set_xlabel(f"time{unit}", fontsize=9, labelpad=2)
-    part = f": the {len(shown)} events in the middle" if len(shown) < len(time) else ""
-    hidden = int((pair >= 0).sum() - whole.sum())
-    part += f" ({hidden} on pairs not shown)" if hidden else ""
-    axes.set_title(f"timelines of the busiest pairs{part}", fontsize=10, loc="left", pad=19)
+    pairs = f"the {len(labels)} busiest pairs" if len(labels) < len(parameters) else "all pairs"
+    part = f": {len(shown)} events in the middle" if len(shown) < there.sum() else ""
+    axes.set_title(f"timelines of {pairs}{part}", fontsize=10, loc="left", pad=19)
     axes.legend(
         fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.2,
         handletextpad=0.2, columnspacing=1.2,
@@ -80,33 +81,28 @@ def _limits(time: NDArray[Any]) -> tuple[float, float]:
 
 
 def _circles(
-    event: list[str], time: NDArray[Any], predictions: Columns | None, number: dict[tuple[str, str], int]
+    events: Columns, predictions: Columns | None, number: dict[tuple[str, str], int], row: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Time, pair, probability and truth of the candidates of the events shown."""
+    """Event, row, probability and truth of the candidates on the rows shown."""
     if predictions is None:
-        return np.zeros(0), np.zeros(0, int), np.zeros(0), np.zeros(0, bool)
-    at = dict(zip(event, time.tolist()))
-    kept = [k for k, name in enumerate(predictions["event"]) if name in at]
-    people = zip(predictions["first"], predictions["second"])
-    pairs = [number[_key(a, b)] for a, b in people] if kept else []
+        return np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0, bool)
+    at = {name: k for k, name in enumerate(events["event"])}
+    event = np.array([at[name] for name in predictions["event"]])
+    placed = row[[number[_key(a, b)] for a, b in zip(predictions["first"], predictions["second"])]]
     if "probability" in predictions:
         size = predictions.numbers("probability", "")
     else:
         size = predictions.numbers("weight", "") ** 2
-    truth = predictions["true"] if "true" in predictions else ["0"] * len(predictions)
-    when = np.array([at[predictions["event"][k]] for k in kept])
-    return when, np.array(pairs, int)[kept], size[kept], np.array([truth[k] == "1" for k in kept], bool)
+    true = np.array(predictions["true"]) == "1" if "true" in predictions else np.zeros(len(predictions), bool)
+    there = placed >= 0
+    return event[there], placed[there], size[there], true[there]
 
 
-def _rows(
-    parameters: Columns, pair: NDArray[Any], slot_pair: NDArray[Any], size: NDArray[Any]
-) -> tuple[NDArray[Any], list[str]]:
+def _rows(parameters: Columns) -> tuple[NDArray[Any], list[str]]:
     """Row of each pair, -1 where it is not shown, and the names of the rows."""
-    count = len(parameters)
-    busy = np.bincount(pair[pair >= 0], minlength=count) + np.bincount(slot_pair, weights=size, minlength=count)
-    chosen = np.sort(np.argsort(-busy, kind="stable")[:ROWS])
-    chosen = chosen[busy[chosen] > 0.05]
-    row = np.full(count + 1, -1)  # the last one is that of pair -1
+    count = parameters.numbers("complete", "") + parameters.numbers("attributed", "")
+    chosen = np.sort(np.argsort(-count, kind="stable")[:ROWS])
+    row = np.full(len(count) + 1, -1)  # the last one is that of pair -1
     row[chosen] = np.arange(len(chosen))
     return row, [f"{_short(parameters['first'][k])} – {_short(parameters['second'][k])}" for k in chosen]
 
@@ -122,25 +118,29 @@ def draw_network(axes: Any, parameters: Columns) -> None:
     count = parameters.numbers("complete", "") + parameters.numbers("attributed", "")
     place = layout(len(agents), pairs)
     largest = max(float(count.max(initial=0)), 1.0)
-    order = np.argsort(count)
+    order = np.argsort(count, kind="stable")[-DRAWN:]
     width = 0.25 + (5.0 if len(pairs) < 200 else 3.0) * count[order] / largest
     shade = 0.82 - 0.67 * count[order] / largest
-    faint = min(1.0, 60 / len(pairs) ** 0.75 + 0.05)
+    faint = min(1.0, 60 / len(order) ** 0.75 + 0.05)
     lines = LineCollection(place[pairs[order]], linewidths=width, colors=[(s, s, s, faint) for s in shade], zorder=1)
     axes.add_collection(lines)
+    within = max(map(len, agents)) <= 3  # names within circles, else above them
     named = len(agents) <= NAMED
-    axes.scatter(*place.T, s=230 if named else 8, color="white", edgecolor=PLACED, lw=1.4, zorder=2)
-    if named:
-        longest = max(map(len, agents))
-        for name, k in agents.items():
-            size = 9 if longest <= 3 else 7.5
-            axes.text(*place[k], _short(name), fontsize=size, ha="center", va="center", zorder=3)
+    axes.scatter(*place.T, s=230 if named and within else 25, color="white", edgecolor=PLACED, lw=1.4, zorder=2)
+    for name, k in agents.items() if named else ():
+        above, size = ((0, 0), 9) if within else ((0, 8), 8)
+        back = None if within else {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8}
+        axes.annotate(
+            _short(name), place[k], above, textcoords="offset points", fontsize=size, ha="center",
+            va="center" if within else "bottom", bbox=back, zorder=3,
+        )  # fmt: skip
     axes.set_xlim(-1.12, 1.12)
     axes.set_ylim(-1.12, 1.12)
     axes.set_aspect("equal")
     axes.set_axis_off()
+    part = f", the busiest {DRAWN:,} drawn" if len(pairs) > DRAWN else ""
     axes.set_title(
-        f"{len(agents)} agents, {len(pairs):,} pairs; thickest line: {largest:,.0f} events",
+        f"{len(agents)} agents, {len(pairs):,} pairs{part}; thickest line: {largest:,.0f} events",
         fontsize=10,
         y=0.985,
     )

@@ -149,7 +149,7 @@ def _figures(record: Mapping[str, Any], parameters: Columns | None) -> list[str]
     found = record["diagnostics"]
     lines = [f"{found['events']:,.0f} events, {found['incomplete']:,.0f} incomplete"]
     if found["unresolvable"]:
-        lines.append(f"  {found['unresolvable']:,.0f} of them unresolvable")
+        lines.append(f"{found['unresolvable']:,.0f} on no active pair")
     lines.append(f"{found['slots']:,.0f} candidates in all")
     if "gap" in found:
         lines.append(f"proven gap {found['gap']:.1e}, {found['tao_iterations']:.0f} TAO iterations")
