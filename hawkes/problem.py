@@ -106,7 +106,8 @@ class HawkesProblem:
         self.weights: NDArray | None = None
         self.probabilities: NDArray | None = None
         self.found: dict[str, float] = {}
-        self.effects: dict[str, dict[str, float]] = {"reconstruction": {"slots": self._count_slots()}}
+        self.size = int(self._count_slots())
+        self.effects: dict[str, dict[str, float]] = {"reconstruction": {"slots": self.size}}
         if method.probabilities != "none":
             self.effects[method.probabilities] = {}
         if estimation is not None:
