@@ -51,9 +51,10 @@ int64_t extremal_box(int64_t n, const double *x, double h, Box *box) {
 
 /* Sorts by cell: order[n] is the permutation. Returns the number of occupied cells; cell c holds the sorted particles
  * start[c] ... start[c+1]-1 and begins at node base[c][D]. Within a cell particles stand by `ident`, so that the
- * order of a sum does not depend on a particle's history. `scratch` has 3 n words. */
+ * order of a sum does not depend on a particle's history. `scratch` has 3 n words. jumps[0]: how many particles do
+ * not stand next to the one before them. */
 int64_t extremal_sort(int64_t n, const double *x, const int64_t *ident, double h, const Box *box, int32_t *order,
-                      int32_t *start, int32_t *base, uint64_t *scratch) {
+                      int32_t *start, int32_t *base, uint64_t *scratch, int64_t *jumps) {
   uint64_t *key = scratch, *other = scratch + n;
   int32_t *from = order, *to = (int32_t *)(scratch + 2 * n), *home = order;
   const double inverse = 1 / h;
@@ -101,6 +102,8 @@ int64_t extremal_sort(int64_t n, const double *x, const int64_t *ident, double h
       for (; q > start[c] && ident[home[q - 1]] > ident[one]; --q) home[q] = home[q - 1];
       home[q] = one;
     }
+  *jumps = 0;
+  for (int64_t p = 1; p < n; ++p) *jumps += home[p] != home[p - 1] + 1;
   return cells;
 }
 

@@ -16,6 +16,10 @@ from .particles import Particles
 MOST_WORDS = 1 << 22
 WORDS_PER_PARTICLE = 16
 
+# Particles are read in the order of their cells wherever they stand in memory; they are moved there when this share of
+# them does not stand next to the one before.
+MOST_JUMPS = 0.1
+
 
 def nowhere(ident: int, x: NDArray) -> FloatingPointError:
     """What to raise for a particle that has no cell."""
@@ -24,10 +28,12 @@ def nowhere(ident: int, x: NDArray) -> FloatingPointError:
 
 
 class Grid:
-    """Active nodes of this rank's particles, which it sorts by cell.
+    """Active nodes of this rank's particles, and the particles by cell.
 
     Attributes
     ----------
+    order : (n,) int32
+        Particles by cell, and by `ident` within a cell. Making a grid may bring the particles themselves in this order.
     count : int
         Number of nodes.
     node : (count, d) int32
@@ -51,10 +57,14 @@ class Grid:
         start = np.empty(n + 1, dtype=np.int32)
         base = np.empty((n, d), dtype=np.int32)
         scratch = np.empty(3 * n + 1, dtype=np.uint64)
+        jumps = np.zeros(1, dtype=np.int64)
         self.cells = kernel.call(
-            "sort", n, particles.position, particles.ident, h, self.box, order, start, base, scratch
+            "sort", n, particles.position, particles.ident, h, self.box, order, start, base, scratch, jumps
         )
-        particles.reorder(order, kernel)
+        if jumps[0] > MOST_JUMPS * n:
+            particles.reorder(order, kernel)
+            order = np.arange(n, dtype=np.int32)
+        self.order = order
         self.start, self.base = start[: self.cells + 1], base[: self.cells]
         self._keys: NDArray | None = None  # of all nodes, where they are numbered by sorting
         words = int(self.box.words) * prod(self._sides[:-1])
@@ -109,4 +119,4 @@ class Grid:
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Run a loop of the kernel over this grid's cells."""
-        return self.kernel.call(name, self.cells, self.start, self.rows, self.h, *arguments)
+        return self.kernel.call(name, self.cells, self.start, self.order, self.rows, self.h, *arguments)

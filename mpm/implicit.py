@@ -40,8 +40,8 @@ class Operator:
         Of this step.
     operator_kernel : Kernel
         Its precision is that of the Hessian's action.
-    laws : NDArray
-        See `law.table`.
+    moduli : (n, 4)
+        Of the particles, see snow.h.
     mass : (local nodes,)
         Node masses [kg].
     factor : float
@@ -56,13 +56,13 @@ class Operator:
         grid: Grid,
         sharing: Sharing,
         operator_kernel: Kernel,
-        laws: NDArray,
+        moduli: NDArray,
         mass: NDArray,
         factor: float,
         free: NDArray,
     ) -> None:
         self._particles, self._grid, self._sharing = particles, grid, sharing
-        self._kernel, self._laws, self._factor = operator_kernel, laws, factor
+        self._kernel, self._moduli, self._factor = operator_kernel, moduli, factor
         self._d = particles.dimension
         self._mass = mass[sharing.owned]
         self._free = free
@@ -77,8 +77,8 @@ class Operator:
         self._out[:] = 0
         grid = self._grid
         self._kernel.call(
-            "hessian", grid.cells, grid.start, grid.rows, grid.h, p.position, p.stretch, p.plastic, p.volume,
-            p.stiffness, p.body, self._laws, self._factor, self._local, self._out,
+            "hessian", grid.cells, grid.start, grid.order, grid.rows, grid.h, p.position, p.stretch, self._moduli,
+            self._factor, self._local, self._out,
         )  # fmt: skip
         self._sharing.sum_to_owners(self._out)
         return self._out[self._sharing.owned]

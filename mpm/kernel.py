@@ -29,6 +29,7 @@ class Box2(ctypes.Structure):
     _fields_ = [("low", ctypes.c_int32 * 2), ("nodes", ctypes.c_int32 * 2), ("words", ctypes.c_int64)]
 
 
+MODULI = 4  # numbers a particle, see snow.h
 # one body's parameters, as `Law` in snow.h
 LAW = np.dtype(
     [
@@ -38,6 +39,7 @@ LAW = np.dtype(
         ("least", "f8"),
         ("largest", "f8"),
         ("cap", "f8"),
+        ("wave_speed", "f8"),
         ("energy", "i4"),
         ("plastic", "i4"),
     ]
@@ -69,15 +71,15 @@ class Kernel:
 def load(comm: MPI.Comm, dimension: int, spline: str = "cubic", precision: str = "double") -> Kernel:
     """The kernel for `dimension` 2 or 3, `spline` "cubic" or "quadratic", `precision` "double" or "single"."""
     here = Path(__file__).parent
-    real = {"double": "double", "single": "float"}[precision]
-    head = f"#define D {dimension}\n#define N {NODES[spline]}\n#define REAL {real}\n"
+    single = {"double": 0, "single": 1}[precision]
+    head = f"#define D {dimension}\n#define N {NODES[spline]}\n#define SINGLE {single}\n"
     text = {name: (here / name).read_text(encoding="utf-8") for name in _SOURCES}
     library = native.load(
         comm, f"snow{dimension}d", head + "".join(text.values()), lambda: head + text["kernel.c"], include=here
     )
     for name in ("box", "sort", "number"):
         getattr(library, f"extremal_{name}").restype = _LONG
-    return Kernel(dimension, spline, np.dtype(np.float64 if precision == "double" else np.float32), library)
+    return Kernel(dimension, spline, np.dtype(np.float32 if single else np.float64), library)
 
 
 def _argument(value: Any) -> Any:

@@ -87,5 +87,5 @@ def table(laws: Sequence[Law]) -> NDArray:
     for k, law in enumerate(laws):
         μ, λ = law.lame
         bounds = (1 - law.critical_compression, 1 + law.critical_stretch)
-        out[k] = (μ, λ, law.hardening, *bounds, law.hardening_cap, ENERGIES[law.name], law.is_plastic)
+        out[k] = (μ, λ, law.hardening, *bounds, law.hardening_cap, law.wave_speed, ENERGIES[law.name], law.is_plastic)
     return out

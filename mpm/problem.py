@@ -15,6 +15,7 @@ from .colliders import Collider, collide
 from .decomposition import Decomposition
 from .grid import Grid
 from .law import Law, table
+from .moduli import Moduli
 from .particles import Particles
 from .sharing import Sharing
 
@@ -105,7 +106,9 @@ class SnowProblem:
         self.particles = self._space.migrate(particles)
         self.size = comm.allreduce(len(particles))
         self._mass = comm.allreduce(float(particles.mass.sum()))
-        self._dissipated = 0.0
+        self._dissipated = 0.0  # on this rank
+        self._measured = False  # whether particles have volumes
+        self._known: Moduli | None = None
         self._nodes = 0
         self._figures = {"krylov_iterations": 0.0, "dt": 0.0}
         present = {
@@ -177,14 +180,12 @@ class SnowProblem:
             heavy = np.where(mass > 0, mass, 1.0)[:, None]
             old /= heavy
             sharing.from_owners(old)
-        if not self.comm.allreduce(bool(p.volume.all()), op=MPI.LAND):
-            density = np.empty(len(p))
-            grid.call("density", p.position, mass, density)
-            p.volume[:] = p.mass / density
-
+        if not self._measured:
+            self._measure_volumes(grid, mass)
+        moduli = self._moduli().values
         force = np.zeros((n, d))
         with self._events["force"]:
-            self._particle_loop(grid, "force", force)
+            grid.call("force", p.position, p.stretch, moduli, force)
             sharing.sum_to_owners(force)
         owned = sharing.owned
         new = old.copy()
@@ -200,36 +201,48 @@ class SnowProblem:
         iterations = 0
         if self._beta:
             with self._events["implicit"]:
-                iterations = self._implicit(grid, sharing, mass, new, free, dt)
+                iterations = self._implicit(grid, sharing, moduli, mass, new, free, dt)
         sharing.from_owners(new)
-        velocity, gradient = p.velocity.copy(), np.empty((len(p), d * d))
+        velocity, gradient, extremes = np.empty((len(p), d)), np.empty((len(p), d * d)), np.empty(3)
         with self._events["to_particles"]:
-            grid.call("to_particles", p.position, new, old, float(self._flip), velocity, gradient)
-        self._check(gradient, velocity, dt)
+            grid.call(
+                "to_particles", p.position, new, old, float(self._flip), float(dt), p.velocity, velocity, gradient,
+                extremes,
+            )  # fmt: skip
+        self._check(extremes, dt)
         with self._events["flow"]:
             dissipated = np.zeros(1)
             self._kernel.call(
                 "flow", len(p), gradient, float(dt), p.volume, p.stiffness, p.body, self._table, p.stretch, p.plastic,
                 dissipated,
             )  # fmt: skip
-            self._dissipated += self.comm.allreduce(float(dissipated[0]))
+            self._dissipated += float(dissipated[0])
         if p.elastic_gradient is not None:
             with self._events["gradients"]:
                 gradients.follow(p, gradient, dt)
         if self._colliders:
             with self._events["colliders"]:
                 velocity, _ = collide(self._colliders, p.position, velocity, self.time + dt)
-        p.velocity[:] = velocity
-        p.position += dt * velocity
+        p.velocity = np.ascontiguousarray(velocity)
+        self._kernel.call("move", len(p), float(dt), p.velocity, p.position)
+        self._known = None
         return iterations
 
-    def _particle_loop(self, grid: Grid, name: str, out: NDArray) -> None:
+    def _measure_volumes(self, grid: Grid, mass: NDArray) -> None:
+        """Step 2 of 7.3.1, in the first step of all (collective)."""
         p = self.particles
-        grid.call(name, p.position, p.stretch, p.plastic, p.volume, p.stiffness, p.body, self._table, out)
+        if not self.comm.allreduce(bool(p.volume.all()), op=MPI.LAND):
+            density = np.empty(len(p))
+            grid.call("density", p.position, mass, density)
+            p.volume[:] = p.mass / density
+            self._known = None
+        self._measured = True
 
-    def _implicit(self, grid: Grid, sharing: Sharing, mass: NDArray, new: NDArray, free: NDArray, dt: float) -> int:
+    def _implicit(
+        self, grid: Grid, sharing: Sharing, moduli: NDArray, mass: NDArray, new: NDArray, free: NDArray, dt: float
+    ) -> int:
         operator = implicit.Operator(
-            self.particles, grid, sharing, self._operator_kernel, self._table, mass, self._beta * dt**2, free
+            self.particles, grid, sharing, self._operator_kernel, moduli, mass, self._beta * dt**2, free
         )
         right = -operator.hessian(new[sharing.owned])
         right[~free] = 0
@@ -239,18 +252,21 @@ class SnowProblem:
         new[sharing.owned] += delta
         return iterations
 
-    def _check(self, gradient: NDArray, velocity: NDArray, dt: float) -> None:
-        """Refuse a step that deforms a particle too much or is not finite; nothing has been changed yet."""
-        least, largest = np.zeros(1), np.zeros(1)
-        self._kernel.call("look", len(velocity), gradient, float(dt), least, largest)
-        J = self.comm.allreduce(float(least[0]), op=MPI.MIN)
-        turn = self.comm.allreduce(float(largest[0]), op=MPI.MAX)
-        fastest = float(np.abs(velocity).max(initial=0))
+    def _check(self, extremes: NDArray, dt: float) -> None:
+        """Refuse a step that deforms a particle too much or is not finite; nothing has been changed yet.
+
+        Parameters
+        ----------
+        extremes : (3,)
+            Of this rank's particles: see `to_particles` in kernel.c.
+        """
         # nan does not survive a reduction: each rank looks at its own
-        good = np.isfinite(fastest) and np.isfinite(largest[0]) and (np.isfinite(least[0]) or not len(velocity))
-        if not self.comm.allreduce(bool(good), op=MPI.LAND):
+        lost = len(self.particles) > 0 and not np.isfinite(extremes).all()
+        squeeze, turn, fastest, lost = self._largest(*extremes, float(lost))
+        if lost:
             raise StepFailure("velocities are not finite", dt / 4)
-        cells = self.comm.allreduce(fastest, op=MPI.MAX) * dt / self.h
+        J = -squeeze
+        cells = fastest * dt / self.h
         if cells > LARGEST_TRAVEL * self._cfl:
             raise StepFailure(
                 f"particles are accelerated across {cells:.2g} cells in dt {dt:.3g}",
@@ -263,28 +279,24 @@ class SnowProblem:
                 dt / 2,
             )
 
+    def _largest(self, *values: float) -> list[float]:
+        """Of each value the largest of all ranks."""
+        all_ranks = np.array(values)
+        self.comm.Allreduce(MPI.IN_PLACE, all_ranks, op=MPI.MAX)
+        return all_ranks.tolist()
+
+    def _moduli(self) -> Moduli:
+        if self._known is None or not self._known.belong_to(self.particles):
+            self._known = Moduli.of(self._kernel, self.particles, self._table)
+        return self._known
+
     def _longest_step(self) -> float:
-        """Longest step [s] that the velocities and the elastic waves allow."""
-        p = self.particles
-        fastest = float(np.abs(p.velocity).max(initial=0))
-        fastest = self.comm.allreduce(fastest, op=MPI.MAX)
+        """Longest step [s] that the velocities and the elastic waves, hardening included, allow."""
+        moduli = self._moduli()
+        fastest, wave = self._largest(moduli.speed, moduli.wave)
         longest = self._cfl * self.h / fastest if fastest > 0 else np.inf
         cells = IMPLICIT_WAVE if self._beta else EXPLICIT_WAVE
-        return min(longest, cells * self.h / self._wave_speed())
-
-    def _wave_speed(self) -> float:
-        """Fastest elastic wave [m/s], hardening included."""
-        p, fastest = self.particles, 0.0
-        for k, law in enumerate(self.laws):
-            mine = p.body == k
-            if not mine.any():
-                continue
-            factor = p.stiffness[mine]
-            if law.is_plastic:
-                exponent = np.clip(law.hardening * (1 - p.plastic[mine]), -law.hardening_cap, law.hardening_cap)
-                factor = factor * np.exp(exponent)
-            fastest = max(fastest, law.wave_speed * float(np.sqrt(factor.max())))
-        return self.comm.allreduce(fastest, op=MPI.MAX) or 1.0
+        return min(longest, cells * self.h / (wave or 1.0))
 
     def _arrange(self) -> None:
         """Particles where they belong; space is cut anew where one rank has too many."""
@@ -309,7 +321,7 @@ class SnowProblem:
         energy = measures.energies(self.comm, p, self._kernel, self._table, self._gravity)
         speed = self.comm.allreduce(float(np.linalg.norm(p.velocity, axis=1).max(initial=0)), op=MPI.MAX)
         return {"time": self.time} | found | energy | {
-            "plastic_dissipation": self._dissipated,
+            "plastic_dissipation": self.comm.allreduce(self._dissipated),
             "energy": sum(energy.values()),
             "largest_speed": speed,
             **self._figures,
@@ -328,8 +340,8 @@ class SnowProblem:
 
     def state(self) -> dict[str, NDArray]:
         """All that a restart needs, on rank 0 in the order of seeding; {} elsewhere."""
-        whole = self._gathered()
-        return {} if whole is None else whole | {"dissipated": np.array([self._dissipated])}
+        whole, dissipated = self._gathered(), self.comm.allreduce(self._dissipated)
+        return {} if whole is None else whole | {"dissipated": np.array([dissipated])}
 
     def restore(self, state: dict[str, NDArray]) -> None:
         """Take over what `state` gave, on any number of ranks; raises ValueError on all where it gave too little."""
@@ -337,7 +349,6 @@ class SnowProblem:
         missing = self.comm.bcast([name for name in wanted if name not in state] if rank == 0 else None)
         if missing:
             raise ValueError(f"has no {' and no '.join(missing)}; accepted is a checkpoint with what is to be written")
-        dissipated = self.comm.bcast(float(state["dissipated"][0]) if rank == 0 else None)
         arrays = {name: values for name, values in state.items() if name in wanted}
         parts = None
         if rank == 0:
@@ -346,7 +357,8 @@ class SnowProblem:
         particles = self.comm.scatter(parts)
         self._space = Decomposition(self.comm, self.h, particles)
         self.particles = self._space.migrate(particles)
-        self._dissipated = dissipated
+        self._dissipated = float(state["dissipated"][0]) if rank == 0 else 0.0
+        self._measured = False
 
     def geometry(self) -> None:
         """There is no mesh: particles move."""

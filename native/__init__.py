@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # No -ffast-math: nan and signed zeros keep their meaning, and linking it would flush denormals process-wide.
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
-STANDARD = {"c": "-std=c11", "c++": "-std=c++17"}
+STANDARD = {"c": "-std=gnu11", "c++": "-std=c++17"}  # gnu: multiplications and additions may be fused
 COMPILER = {"c": ("CC", "cc"), "c++": ("CXX", "c++")}
 
 

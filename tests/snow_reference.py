@@ -136,9 +136,29 @@ def laid_out(p: Particles, h: float, spline: str, precision: str = "double") -> 
     return grid, np.array([where[i] for i in p.ident])
 
 
+def moduli(grid: Grid, p: Particles, law: Law) -> tuple[NDArray, NDArray]:
+    """Moduli of snow.h (n, 4); the largest entry of a velocity and the fastest wave [m/s]."""
+    out, fastest = np.empty((len(p), kernel.MODULI)), np.empty(2)
+    loops = kernel.load(MPI.COMM_SELF, p.dimension, grid.kernel.spline)
+    loops.call(
+        "moduli", len(p), p.velocity, p.stretch, p.plastic, p.volume, p.stiffness, p.body, table([law]), out, fastest
+    )
+    return out, fastest
+
+
 def particle_loop(grid: Grid, name: str, p: Particles, law: Law, *rest: object) -> None:
-    """A kernel loop over particles and laws."""
-    grid.call(name, p.position, p.stretch, p.plastic, p.volume, p.stiffness, p.body, table([law]), *rest)
+    """A kernel loop over particles and their moduli."""
+    grid.call(name, p.position, p.stretch, moduli(grid, p, law)[0], *rest)
+
+
+def to_particles(
+    grid: Grid, p: Particles, new: NDArray, old: NDArray, flip: float, dt: float = 0.0
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Velocities (n, d) and their gradients (n, d²) after steps 7 and 8; the extremes of kernel.c."""
+    d = p.dimension
+    velocity, gradient, extremes = np.empty((len(p), d)), np.empty((len(p), d * d)), np.empty(3)
+    grid.call("to_particles", p.position, new, old, flip, dt, p.velocity, velocity, gradient, extremes)
+    return velocity, gradient, extremes
 
 
 def flow(grid: Grid, p: Particles, law: Law, gradient: NDArray, dt: float) -> float:

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from snow_reference import BOTH, SPLINE, cloud, dense, laid_out, lattice
+from snow_reference import BOTH, SPLINE, cloud, dense, laid_out, lattice, to_particles
 
 from extremal.mpm.particles import Particles
 
@@ -21,10 +21,8 @@ def weights(x, spline):
 
 def interpolated(grid, p, nodal):
     """Value and gradient at the particles of a node field (count, d)."""
-    d = p.dimension
-    value, gradient = np.zeros((len(p), d)), np.empty((len(p), d * d))
-    grid.call("to_particles", p.position, nodal, nodal, 0.0, value, gradient)
-    return value, gradient.reshape(-1, d, d)
+    value, gradient, _ = to_particles(grid, p, nodal, nodal, 0.0)
+    return value, gradient.reshape(-1, p.dimension, p.dimension)
 
 
 @pytest.mark.parametrize("spline", ["cubic", "quadratic"])
