@@ -39,14 +39,12 @@ def normalised(slots: Slots, start: NDArray | None = None) -> Normalised:
     start : (S,), optional
         Equal weights otherwise.
     """
-    whole = slots.gather(slots.uniform() if start is None else start)
-    answer: tuple[float, int, int] | None = None
-    if whole is not None:
-        functional = Functional(slots.whole)
-        whole, *figures = _maximise(functional, whole)
-        answer = (figures[0], figures[1], figures[2])
-    value, iterations, reason = slots.comm.bcast(answer)
-    return Normalised(slots.scatter(whole), value, iterations, reason)
+    weights = slots.gather(slots.uniform() if start is None else start)
+    figures = None
+    if weights is not None:
+        weights, *figures = _maximise(Functional(slots.whole), weights)
+    value, iterations, reason = slots.comm.bcast(figures)
+    return Normalised(slots.scatter(weights), value, iterations, reason)
 
 
 class Functional:
