@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .elastic_scene import ElasticScene
 from .errors import EXIT_FINISHED, InputError
+from .hawkes_scene import HawkesScene
 from .parallel import on_root
 from .scene import read_scene
 from .snow_scene import SnowScene
@@ -31,18 +32,27 @@ def _check(paths: Sequence[str]) -> None:
     errors: list[str] = []
     for path in paths:
         try:
-            scene = read_scene(path)
+            words = summary(read_scene(path))
         except InputError as error:
             errors += error.messages
         else:
-            print(f"{path}: good: {summary(scene)}", flush=True)
+            print(f"{path}: good: {words}", flush=True)
     if errors:
         raise InputError(*errors)
 
 
 def summary(scene: Any) -> str:
-    """Return what a scene asks for, in a line."""
-    parts = _snow(scene) if isinstance(scene, SnowScene) else _elastic(scene)
+    """Return what a scene asks for, in a line.
+
+    Raises
+    ------
+    InputError
+        About the tables of pairs and events that a scene of networks names: they are read.
+    """
+    if isinstance(scene, HawkesScene):
+        parts = _hawkes(scene)
+    else:
+        parts = _snow(scene) if isinstance(scene, SnowScene) else _elastic(scene)
     if scene.expect:
         parts.append(f"{len(scene.expect)} expected")
     return ", ".join(parts)
@@ -79,6 +89,25 @@ def _snow(scene: SnowScene) -> list[str]:
     parts.append("explicit" if analysis.beta == 0 else f"implicit with beta {analysis.beta:g}")
     parts += ["gravity"] if scene.gravity is not None else []
     return parts
+
+
+def _hawkes(scene: HawkesScene) -> list[str]:
+    from . import hawkes_data
+
+    if scene.simulation is None:
+        data = hawkes_data.read(scene)
+        network, notes = data.network, data.notes
+        events = f"{len(data.events)} events of which {int(data.events.incomplete.sum())} are incomplete"
+    else:
+        notes = []
+        network = hawkes_data.read_network(scene, notes)
+        wanted = scene.simulation
+        length = f"{wanted.count} events" if wanted.count is not None else f"events until {wanted.duration:g}"
+        events = f"{length} simulated of which {wanted.incomplete} become incomplete"
+    parts = [f"{scene.part}, {len(network.agents)} agents, {len(network)} pairs", events]
+    if scene.estimation is not None:
+        parts.append(f"parameters estimated in {scene.estimation.rounds} rounds")
+    return [*parts, *notes]
 
 
 def _counted(shapes: Sequence[str], one: str, many: str) -> str:

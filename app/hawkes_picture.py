@@ -138,11 +138,11 @@ def draw_network(axes: Any, parameters: Columns) -> None:
     axes.set_ylim(-1.12, 1.12)
     axes.set_aspect("equal")
     axes.set_axis_off()
-    part = f", the busiest {DRAWN:,} drawn" if len(pairs) > DRAWN else ""
+    part = f" (drawn: the {DRAWN:,} busiest)" if len(pairs) > DRAWN else ""
     axes.set_title(
-        f"{len(agents)} agents, {len(pairs):,} pairs{part}; thickest line: {largest:,.0f} events",
+        f"{len(agents)} agents, {len(pairs):,} pairs{part}\nthickest line: {largest:,.0f} events",
         fontsize=10,
-        y=0.985,
+        y=0.975,
     )
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PlainValidator
 
 from .scene_common import Expected, PetscValue, Scene, Where
-from .scene_fields import Boolean, Integer, NotNegative, Number, NumberOrText, Positive, Problem, Table, Text
+from .scene_fields import Boolean, Integer, NotNegative, Number, Positive, Problem, Table, Text, wrong
 
 COUNTS = ("events", "incomplete", "unresolvable", "slots")
 PARAMETERS = ("background", "branching", "decay", "supercritical")
@@ -22,6 +24,20 @@ SCORES = (
     *(f"log_loss_{answer}" for answer in BASELINES),
 )
 DIAGNOSTICS = (*COUNTS, *PARAMETERS, "drift", "energy", "gap", "tao_iterations", *SCORES)
+
+
+def _moment(value: Any) -> float | str:
+    """A time as a number or a text; TOML knows dates, too."""
+    if isinstance(value, date):
+        return value.isoformat()
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise wrong("must be a number, or a timestamp as 2024-05-31 or 2024-05-31T22:15")
+    if not isinstance(value, str) and not math.isfinite(value):
+        raise wrong("must be finite")
+    return value
+
+
+Moment = Annotated[float | str, PlainValidator(_moment)]
 
 
 class NetworkTable(Table):
@@ -50,10 +66,10 @@ class EventsTable(Table):
     unit: Literal["seconds", "minutes", "hours", "days", "weeks"] = Field(
         "days", description="unit of time of all parameters, and of times that are numbers"
     )
-    begin: NumberOrText | None = Field(
+    begin: Moment | None = Field(
         None, description="beginning of the observation, written as times in the file are; default: the first event"
     )
-    end: NumberOrText | None = Field(
+    end: Moment | None = Field(
         None, description="end of the observation, written as times in the file are; default: the last event"
     )
 

@@ -27,6 +27,7 @@ COMMON = (
     "pc_hypre_boomeramg_strong_threshold", "pc_factor_mat_solver_type", "pc_factor_levels",
     "pc_factor_shift_type", "pc_asm_overlap", "sub_pc_type", "sub_ksp_type", "mg_levels_ksp_type",
     "mg_levels_pc_type", "mg_levels_ksp_max_it", "mg_coarse_pc_type", "mat_type", "vec_type",
+    "tao_type", "tao_monitor", "tao_max_it", "tao_max_funcs", "tao_view", "tao_converged_reason", "tao_ls_type",
 )  # fmt: skip
 GLOBAL = (
     "log_view",

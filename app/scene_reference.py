@@ -12,6 +12,7 @@ from pydantic_core import PydanticUndefined
 
 from .elastic_scene import ElasticScene
 from .expression import CONSTANTS, FUNCTIONS
+from .hawkes_scene import HawkesScene
 from .snow_scene import SnowScene
 from .snow_shapes import Keys, Shape
 
@@ -20,9 +21,10 @@ INTRODUCTION = """# Scene files
 Written by `python -m extremal.app.scene_reference > docs/scenes.md` from the models that validate scenes.
 
 A scene is a TOML file. `part` says which command runs it: [`extremal elastic SCENE`](#extremal-elastic) (also where
-`part` is absent) or [`extremal snow SCENE`](#extremal-snow). `extremal check SCENE...` lists everything wrong in scenes
-of either. An absent table means: no such effect, at no cost. Unknown keys are errors. Units are SI throughout. Where
-a table below says nothing of a default, the effect or key is absent.
+`part` is absent), [`extremal snow SCENE`](#extremal-snow) or [`extremal hawkes SCENE`](#extremal-hawkes).
+`extremal check SCENE...` lists everything wrong in scenes of any part. An absent table means: no such effect, at no
+cost. Unknown keys are errors. Units are SI throughout, except for the time of networks. Where a table below says nothing
+of a default, the effect or key is absent.
 
 ## Expressions
 
@@ -83,6 +85,26 @@ status = "finished"
 ```
 """
 
+HAWKES = """# extremal hawkes
+
+Only `part`, `[network]` and one of `[events]` and `[simulation]` are needed. [networks.md](networks.md) explains.
+
+```toml
+title = "incidents"
+part = "hawkes"
+[network]
+file = "network.csv"               # first,second
+[events]
+file = "events.csv"                # time,first,second
+unit = "days"
+[estimation]
+rounds = 100
+[expect]
+status = "finished"
+gap = { below = 1e-8 }
+```
+"""
+
 NOTES = {
     "elastic.mesh": "A shape's own parameters (`size`, `radius`, `dimension` ...) stand beside these; "
     "`extremal mesh SHAPE --help` lists them.",
@@ -93,6 +115,8 @@ NOTES = {
     "given.",
     "petsc": "Any PETSc option as `name = value`, for example `{part}_ksp_rtol = 1e-4`. The command line "
     "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
+    "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line and an "
+    "`-options_file` win over the scene. Options nobody used are reported at the end.",
     "expect": "`name = number`, or a table with these keys, over the final diagnostics, `status` and "
     "`steps`.",
     "elastic.continuation": "Stages are an addition of this program to the method it implements.",
@@ -106,6 +130,7 @@ def markdown() -> str:
         functions=textwrap.fill(", ".join(f"`{name}`" for name in FUNCTIONS), 105),
     )
     parts = [introduction, ELASTIC, *_tables(ElasticScene, "elastic"), SNOW, *_tables(SnowScene, "snow")]
+    parts += [HAWKES, *_tables(HawkesScene, "hawkes")]
     return "\n".join(parts).rstrip() + "\n"
 
 

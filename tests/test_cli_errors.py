@@ -21,14 +21,14 @@ KNOWN = ", ".join(SHAPES)
 
 # (arguments, message); {here} is the folder of scene.toml and full/notes.txt
 CASES = [
-    ("", "a command is missing; one of elastic, snow, check, mesh, render, study (extremal --help explains them)"),
+    ("", "a command is missing; one of elastic, snow, hawkes, check, mesh, render, study (extremal --help explains them)"),
     ("chekc", "chekc: unknown command; did you mean check?"),
-    ("dance", "dance: unknown command; known: elastic, snow, check, mesh, render, study"),
-    ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml or extremal snow scene.toml"),
-    ("--verbose", "--verbose: options come after the command, one of elastic, snow, check, mesh, render, study"),
+    ("dance", "dance: unknown command; known: elastic, snow, hawkes, check, mesh, render, study"),
+    ("scene.toml", "scene.toml: unknown command; write extremal elastic scene.toml or extremal snow scene.toml or extremal hawkes scene.toml"),
+    ("--verbose", "--verbose: options come after the command, one of elastic, snow, hawkes, check, mesh, render, study"),
     (
         "-log_view elastic",
-        "-log_view: options come after the command, one of elastic, snow, check, mesh, render, study",
+        "-log_view: options come after the command, one of elastic, snow, hawkes, check, mesh, render, study",
     ),
     ("elastic", "elastic: SCENE is missing"),
     ("elastic --quiet", "elastic: SCENE is missing"),
