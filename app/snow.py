@@ -89,7 +89,10 @@ def _seeded(scene: SnowScene, i: int, body: snow_shapes.Body, comm: MPI.Comm) ->
         # the same pattern for both: where snow is denser it is stiffer
         mass *= noise(x, body.noise.size, body.noise.density, body.noise.seed)
         stiffness *= noise(x, body.noise.size, body.noise.stiffness, body.noise.seed)
-    return Particles.at(x, mass, _velocity(body, shape, x), stiffness, i)
+    made = Particles.at(x, mass, _velocity(body, shape, x), stiffness, i)
+    if scene.grid.volumes == "seeded":
+        made.volume[:] = h**d / body.per_cell
+    return made
 
 
 def _velocity(body: snow_shapes.Body, shape: Shape, x: NDArray) -> NDArray:

@@ -29,6 +29,11 @@ class Grid(Table):
     cell_size: Positive = Field(description="edge of a cell h [m], where scale is 1")
     spline: Literal["cubic", "quadratic"] = Field("cubic", description="B-splines between particles and nodes")
     dimension: Literal[2, 3] = Field(3, description="2: in the plane")
+    volumes: Literal["measured", "seeded"] = Field(
+        "measured",
+        description="of particles at rest: measured on the grid by the first step (7.3.1), too large at surfaces; "
+        "or h^d/per_cell as seeded, exact",
+    )
     imbalance: Annotated[Number, Field(gt=1)] = Field(
         1.3, description="particles of the fullest rank over the mean at which ranks share anew [1]"
     )

@@ -19,9 +19,16 @@ SCENES = {path.stem: path for path in sorted((ROOT / "app" / "scenes").glob("*.t
 GALLERY = ROOT / "docs" / "gallery.md"
 COST = re.compile(r"About (\d+) seconds? on one core")
 LONG = 10  # [s] said to be needed, above which a scene is not part of `make test`
-# The others would show nothing new on several ranks. The first two leave ranks without an element.
+# All of snow: its particles wander from rank to rank.
+# The other elastic ones would show nothing new on several ranks. The first two leave ranks without an element.
 PARALLEL = {
     "pulled_tetrahedron", "three_triangles", "scattered_cube", "stretched_bar_corotated", "cantilever",
+}  # fmt: skip
+
+SCALE = re.compile(r"`--scale ([\d.]+)` has the ([\d.e]+) particles of table 7\.3")
+TABLE_7_3 = {
+    "snowball_drop": 3.0e5, "snowball_smash": 3.0e5, "snowball_smash_sticky": 3.0e5, "double_smash": 6.0e5,
+    "snowplow": 3.9e6, "rolling_snowball": 7.2e6, "words": 7.5e5, "castle": 1.6e6,
 }  # fmt: skip
 
 History = dict[str, np.ndarray]
@@ -52,10 +59,11 @@ def cost(path: Path) -> int:
 
 def marked() -> list:
     """Every scene, marked `long` by the cost it states and `mpi` where several ranks could matter."""
+    parallel = PARALLEL | {name for name, path in SCENES.items() if part(path) == "snow"}
     return [
         pytest.param(
             name,
-            marks=[pytest.mark.long] * (cost(path) > LONG) + [pytest.mark.mpi] * (name in PARALLEL),
+            marks=[pytest.mark.long] * (cost(path) > LONG) + [pytest.mark.mpi] * (name in parallel),
         )
         for name, path in SCENES.items()
     ]
@@ -103,8 +111,15 @@ def recovery_dissipates(history: History) -> None:
     assert np.all(np.diff(history["energy"]) < 0)
 
 
+def balls_come_to_rest_with_their_energy_in_store(history: History) -> None:
+    start, rest = history["energy"][0], np.argmin(history["kinetic_energy"])
+    assert history["kinetic_energy"][rest] < 0.01 * start
+    assert history["elastic_energy"][rest] > 0.95 * start
+
+
 CLAIMS: dict[str, Callable[[History], None]] = {
     "bounce": energy_goes_to_and_fro_and_stays,
+    "elastic_bounce": balls_come_to_rest_with_their_energy_in_store,
     "mattress_corotated": more_and_more_elements_invert,
     "pulled_tetrahedron": law_thins_by_poisson_ratio_times_stretch,
     "recovery": recovery_dissipates,
@@ -142,6 +157,18 @@ def test_scene_says_what_it_shows_how_to_run_it_and_what_it_costs(name: str) -> 
     assert command(name) in words
     assert COST.search(words), "About N seconds on one core"
     assert read_scene(SCENES[name]).title
+
+
+@pytest.mark.parametrize("name", TABLE_7_3)
+def test_scale_that_a_snow_scene_names_gives_the_particles_of_table_7_3(name: str) -> None:
+    """To 10%: the particles of scale 1 are counted, the table's would need gigabytes."""
+    from extremal.app.snow import particles
+
+    scale, count = map(float, SCALE.findall(header(SCENES[name]))[0])
+    assert count == TABLE_7_3[name]
+    assert read_scene(SCENES[name]).scale == 1
+    found = len(particles(read_scene(SCENES[name]), MPI.COMM_SELF)) * scale**3
+    assert found == pytest.approx(count, rel=0.1)
 
 
 @pytest.mark.parametrize("name", SCENES)
