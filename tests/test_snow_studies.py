@@ -40,7 +40,7 @@ def test_snow_cost_tells_every_part_of_a_step_and_what_two_ranks_bring(tmp_path,
     args = arguments(snow_cost, "--quick", "-o", tmp_path, "--taichi", tmp_path / "python")
     assert snow_cost.run(args, comm) == 0
     rows = {row["quantity"]: row for row in rows_of(tmp_path / "cost.csv")}
-    assert set(snow_cost.EVENTS.values()) <= {name.removeprefix("- ") for name in rows}
+    assert set(snow_cost.PARTS.values()) <= {name.removeprefix("- ") for name in rows}
     assert all(float(row["ours_ns"]) > 0 for name, row in rows.items() if name != "- everything else")
     (ranks,) = rows_of(tmp_path / "ranks.csv")
     assert (ranks["step"], ranks["particles"]) == ("explicit", rows["explicit step"]["particles"])
