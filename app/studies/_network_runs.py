@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from extremal.hawkes.energy import Energy
 from extremal.hawkes.events import Network
+from extremal.hawkes.gibbs import gibbs
+from extremal.hawkes.meanfield import mean_field, of_incomplete
 from extremal.hawkes.scores import ranks_of_truth
 from extremal.hawkes.simulate import hide, simulate
 from extremal.hawkes.slots import Slots
@@ -82,3 +84,14 @@ def continuous(slots: Slots) -> NDArray:
 def halved(slots: Slots) -> NDArray:
     """Weights of (3.5) with half the coupling between incomplete events, g = b + A r."""
     return continuous(replace(slots, coupling=0.5 * slots.coupling))
+
+
+def probable(slots: Slots) -> NDArray:
+    """Probabilities of mean field."""
+    everything = Slots.build(MPI.COMM_SELF, slots.network, slots.events, complete=True)
+    return of_incomplete(everything, slots, mean_field(everything))
+
+
+def sampled(slots: Slots) -> NDArray:
+    """Posterior probabilities, by enough sampling that more changes top 1 by less than a tenth of a per cent."""
+    return gibbs(slots, sweeps=150, burn_in=20, seed=1, chains=1)
