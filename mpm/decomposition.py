@@ -58,6 +58,10 @@ class Decomposition:
         self._ranks = np.array(ranks)
         self._bounds = [np.cumsum(r)[:-1] for r in self.dmda.getOwnershipRanges()]
         self._count = np.array([len(s) for s in share])
+        begins, lengths = (np.array(corner) for corner in self.dmda.getCorners())
+        self._box = (low + begins) * BLOCK, (low + begins + lengths) * BLOCK
+        self._box[0][begins == 0] = np.iinfo(np.int32).min  # blocks at the edge own all that lies beyond them
+        self._box[1][begins + lengths == self._count] = np.iinfo(np.int32).max
         self.dmda.destroy()
 
     def _histogram(self, index: NDArray, length: int) -> NDArray:
@@ -82,10 +86,17 @@ class Decomposition:
     def _blocks(cells: NDArray) -> NDArray:
         return cells // BLOCK
 
+    def elsewhere(self, places: NDArray) -> NDArray:
+        """Rows of `places` (q, d), in units of h, that other ranks own; ascending."""
+        if self.comm.size == 1:
+            return np.empty(0, dtype=np.int64)
+        away = np.zeros(len(places), dtype=bool)
+        for k, (low, high) in enumerate(zip(*self._box, strict=True)):
+            away |= (places[:, k] < low) | (places[:, k] >= high)
+        return np.flatnonzero(away)
+
     def owner(self, cells: NDArray) -> NDArray:
         """Rank of each cell (or node) given by its place (q, d) in units of h."""
-        if self.comm.size == 1:
-            return np.zeros(len(cells), dtype=np.int32)
         block = np.clip(self._blocks(cells.astype(np.int64)) - self._low, 0, self._count - 1)
         rank = np.zeros(len(cells), dtype=np.int32)
         stride = 1
@@ -99,18 +110,25 @@ class Decomposition:
         total, most = self.comm.allreduce(count), self.comm.allreduce(count, op=MPI.MAX)
         return most * self.comm.size / max(1, total)
 
-    def migrate(self, particles: Particles) -> Particles:
-        """Send every particle to the owner of its cell (collective); a DMSwarm of type BASIC carries them."""
+    def migrate(self, particles: Particles, tolerated: float = 0.0) -> Particles:
+        """Send particles to the owners of their cells (collective); a DMSwarm of type BASIC carries them.
+
+        Nothing is done while no rank has more than the share `tolerated` of its particles elsewhere: a rank may work on
+        any particle, since nodes are summed wherever they are.
+        """
         if self.comm.size == 1:
             return particles
-        with np.errstate(invalid="ignore"):  # the grid refuses what is nowhere
-            rank = self.owner(np.floor(particles.position / self.h).astype(np.int64))
-        leaving = np.flatnonzero(rank != self.comm.rank)
-        if self.comm.allreduce(len(leaving)) == 0:
+        leaving = self.elsewhere(particles.position / self.h)
+        share = np.array(len(leaving) / max(1, len(particles)))
+        self.comm.Allreduce(MPI.IN_PLACE, share, op=MPI.MAX)
+        if share <= tolerated:
             return particles
-        staying = particles.take(np.flatnonzero(rank == self.comm.rank))
-        arrived = self._carry(particles.take(leaving), rank[leaving])
-        return Particles.join([staying, arrived])
+        staying = np.ones(len(particles), dtype=bool)
+        staying[leaving] = False
+        with np.errstate(invalid="ignore"):  # the grid refuses what is nowhere
+            rank = self.owner(np.floor(particles.position[leaving] / self.h).astype(np.int64))
+        arrived = self._carry(particles.take(leaving), rank)
+        return Particles.join([particles.take(np.flatnonzero(staying)), arrived])
 
     def _carry(self, particles: Particles, rank: NDArray) -> Particles:
         packed = _pack(particles)

@@ -94,7 +94,7 @@ class Operator:
         diagonal.array[:] = np.repeat(self._mass, self._d)
 
 
-def solve(operator: Operator, momentum: NDArray, comm: object) -> tuple[NDArray, int, int]:
+def solve(operator: Operator, momentum: NDArray, rounding: float, comm: object) -> tuple[NDArray, int, int]:
     """δ with (M + β Δt² H) δ = `momentum` on free nodes.
 
     Parameters
@@ -102,6 +102,8 @@ def solve(operator: Operator, momentum: NDArray, comm: object) -> tuple[NDArray,
     operator : Operator
     momentum : (owned nodes, d)
         Right-hand side [kg m/s], zero on collided nodes.
+    rounding : float
+        Natural norm [kg^½ m/s] at which a residual is nothing but rounding: KSP's absolute tolerance by default.
 
     Returns
     -------
@@ -117,7 +119,7 @@ def solve(operator: Operator, momentum: NDArray, comm: object) -> tuple[NDArray,
     delta = right.duplicate()
     ksp = PETSc.KSP().create(comm)
     ksp.setOptionsPrefix(PREFIX)
-    with defaults(PREFIX, DEFAULTS):
+    with defaults(PREFIX, {**DEFAULTS, "ksp_atol": rounding}):
         ksp.setOperators(matrix)
         ksp.setFromOptions()
     ksp.solve(right, delta)

@@ -37,7 +37,7 @@ class Moduli:
         kernel.call(
             "moduli", len(p), p.velocity, p.stretch, p.plastic, p.volume, p.stiffness, p.body, laws, values, fastest
         )
-        return cls(values, *fastest.tolist(), p.stretch)
+        return cls(values, float(fastest[0]), float(fastest[1]), p.stretch)
 
     def belong_to(self, p: Particles) -> bool:
         """Whether they are row by row those of `p`: sorting, migrating and restarting make new arrays."""

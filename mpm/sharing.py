@@ -29,22 +29,24 @@ class Sharing:
         self.sf: PETSc.SF | None = None
         if comm.size == 1:
             return
-        owner = decomposition.owner(grid.node)
-        ghosts = np.flatnonzero(owner != comm.rank).astype(np.int32)
-        ghosts = ghosts[np.argsort(owner[ghosts], kind="stable")]
-        asked = self._exchange(grid.node[ghosts], owner[ghosts])
+        ghosts = decomposition.elsewhere(grid.node)
+        mine = np.ones(grid.count, dtype=bool)
+        mine[ghosts] = False
+        owner = decomposition.owner(grid.node[ghosts])
+        order = np.argsort(owner, kind="stable")
+        ghosts, owner = ghosts[order], owner[order]
+        asked = self._exchange(grid.node[ghosts], owner)
         number = grid.find(asked)
         missing = np.flatnonzero(number < 0)
         if len(missing):
             adopted, which = np.unique(asked[missing], axis=0, return_inverse=True)
             number[missing] = grid.count + which.reshape(-1)
             self.node = np.vstack([grid.node, adopted])
-        remote = self._answer(number, owner[ghosts])
-        self.owned = np.concatenate([np.flatnonzero(owner == comm.rank), np.arange(grid.count, len(self.node))])
-        pairs = np.column_stack([owner[ghosts], remote]).astype(PETSc.IntType)
+        remote = self._answer(number, owner)
+        self.owned = np.concatenate([np.flatnonzero(mine), np.arange(grid.count, len(self.node))])
+        pairs = np.column_stack([owner, remote]).astype(PETSc.IntType)
         self.sf = PETSc.SF().create(comm)
         self.sf.setGraph(len(self.node), ghosts.astype(PETSc.IntType), pairs)
-        self._ghosts = ghosts
         self._types: dict[int, MPI.Datatype] = {}
 
     def _exchange(self, nodes: NDArray, owner: NDArray) -> NDArray:
