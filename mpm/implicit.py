@@ -90,7 +90,10 @@ class Operator:
         y.array[:] = (self._mass[:, None] * u + free * self.hessian(u * free)).ravel()
 
     def getDiagonal(self, matrix: PETSc.Mat, diagonal: PETSc.Vec) -> None:  # noqa: N802 - the name is petsc4py's
-        """The masses: PCJACOBI then preconditions by M, which makes the system that of (7.9)."""
+        """The masses: PCJACOBI then preconditions by M, which makes the system that of (7.9).
+
+        Corrections are then M⁻¹ times forces that sum to zero: momentum is conserved however early one stops.
+        """
         diagonal.array[:] = np.repeat(self._mass, self._d)
 
 
