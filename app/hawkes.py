@@ -62,7 +62,7 @@ class NetworkRun(HawkesProblem):
         self._score()
 
     def _score(self) -> None:
-        if self.data.truth is not None and self.weights is not None and self.found:
+        if self.data.truth is not None and self.found and self.slots.count:
             with PETSc.Log.Event("hawkes:simulation:scores"):
                 self._scores = hawkes_tables.score_table(self, self.data.truth, self.seed)
 

@@ -124,12 +124,12 @@ def read_events(path: Path, table: EventsTable, network: Network, notes: list[st
     time, first, unit = times_of(columns, table.unit)
     begin = bound(path, "begin", table.begin, first, unit)
     end = bound(path, "end", table.end, first, unit)
+    if begin is not None:
+        columns.refuse("time", time < begin, f"is before the beginning of the observation, {table.begin}")
+    if end is not None:
+        columns.refuse("time", time > end, f"is after the end of the observation, {table.end}")
     start = float(time.min()) if begin is None else begin
     duration = (float(time.max()) if end is None else end) - start
-    if duration < 0:
-        raise InputError(f"{path}: end of the observation is before its beginning")
-    columns.refuse("time", time < start, f"is before the beginning of the observation, {table.begin}")
-    columns.refuse("time", time - start > duration, f"is after the end of the observation, {table.end}")
     order = np.argsort(time, kind="stable")
     moved = int((np.diff(time) < 0).sum())
     if moved:

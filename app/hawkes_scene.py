@@ -34,7 +34,7 @@ def _moment(value: Any) -> float | str:
         raise wrong("must be a number, or a timestamp as 2024-05-31 or 2024-05-31T22:15")
     if not isinstance(value, str) and not math.isfinite(value):
         raise wrong("must be finite")
-    return value
+    return value if isinstance(value, str) else float(value)
 
 
 Moment = Annotated[float | str, PlainValidator(_moment)]

@@ -23,8 +23,8 @@ Written by `python -m extremal.app.scene_reference > docs/scenes.md` from the mo
 A scene is a TOML file. `part` says which command runs it: [`extremal elastic SCENE`](#extremal-elastic) (also where
 `part` is absent), [`extremal snow SCENE`](#extremal-snow) or [`extremal hawkes SCENE`](#extremal-hawkes).
 `extremal check SCENE...` lists everything wrong in scenes of any part. An absent table means: no such effect, at no
-cost. Unknown keys are errors. Units are SI throughout, except for the time of networks. Where a table below says nothing
-of a default, the effect or key is absent.
+cost. Unknown keys are errors. Units are SI throughout, except for the time of networks. Where a table below says
+nothing of a default, the effect or key is absent.
 
 ## Expressions
 
@@ -115,8 +115,8 @@ NOTES = {
     "given.",
     "petsc": "Any PETSc option as `name = value`, for example `{part}_ksp_rtol = 1e-4`. The command line "
     "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
-    "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line and an "
-    "`-options_file` win over the scene. Options nobody used are reported at the end.",
+    "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line and "
+    "an `-options_file` win over the scene. Options nobody used are reported at the end.",
     "expect": "`name = number`, or a table with these keys, over the final diagnostics, `status` and "
     "`steps`.",
     "elastic.continuation": "Stages are an addition of this program to the method it implements.",

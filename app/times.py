@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import datetime
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def bound(path: Path, key: str, value: float | str | None, first: datetime | Non
     """The beginning or end of the observation on the scale of `times_of`; None where the scene is silent."""
     if value is None:
         return None
-    place = f"{path}: [events] {key} = {value!r}"
+    place = f"{path}: [events] {key} = {json.dumps(value) if isinstance(value, str) else f'{value:g}'}"
     if first is None:
         if isinstance(value, str):
             raise InputError(f"{place}: must be a number, as times in the file are")
