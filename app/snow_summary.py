@@ -204,18 +204,19 @@ def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
 def _draw_work(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
     time = history.get("time", np.zeros(0))
     axes.set_xlabel("time [s]", fontsize=9)
+    _finish(axes, time)
     if worth(history, "krylov_iterations"):
         axes.plot(time[1:], history["krylov_iterations"][1:], color="#1f77b4", lw=1.0)
         axes.set_title("Krylov iterations of a step", fontsize=10, loc="left", color="#1f77b4")
         axes.set_ylim(bottom=0)
         axes.yaxis.set_major_locator(ticker.MaxNLocator(5, integer=True))
-        _finish(axes, time)
         axes = axes.twinx()
         axes.spines["top"].set_visible(False)
     if worth(history, "dt"):
-        axes.plot(time[1:], 1e3 * history["dt"][1:], color="#9467bd", lw=1.0)
+        steps = 1e3 * history["dt"][1:]
+        axes.plot(time[1:], steps, color="#9467bd", lw=1.0)
         axes.set_title("step [ms]", fontsize=10, loc="right", color="#9467bd")
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * np.nanmax(steps))  # steps are often all the same
         axes.tick_params(axis="y", labelsize=8, colors="#9467bd")
 
 
