@@ -35,7 +35,7 @@ SAME_POINT = 1e-9
 HARMLESS = (
     "title", "description", "output", "expect", "solver", "petsc", "continuation", "mesh.file",
     "analysis.end_time", "analysis.time_step", "analysis.smallest_step", "analysis.largest_step",
-    "analysis.adaptive", "analysis.error_tolerance",
+    "analysis.adaptive", "analysis.error_tolerance", "method.gap", "method.sweeps",
 )  # fmt: skip
 
 Geometry: TypeAlias = "tuple[NDArray[Any], NDArray[Any], str] | None"
@@ -192,7 +192,7 @@ def check_same(checkpoint: Checkpoint, scene: Mapping[str, Any], geometry: Geome
     if changed:
         raise InputError(
             f"{checkpoint.path}: the scene has been changed since: {', '.join(changed)}; "
-            "accepted are changes of output, expect, solver, petsc and the analysis's times and steps"
+            "accepted are changes of output, expect, solver, petsc, gap, sweeps and the analysis's times and steps"
         )
     if not _same_mesh(geometry, checkpoint.geometry):
         raise InputError(f"{checkpoint.path}: the mesh has been changed since; accepted is the same mesh")

@@ -15,6 +15,8 @@ import numpy as np
 from matplotlib import ticker
 from matplotlib.figure import Figure
 
+from extremal.hawkes.scores import wilson
+
 from .csv_columns import Columns, read_columns
 from .hawkes_picture import draw_network, draw_timelines
 from .results import CALIBRATION, EVENTS, HISTORY, PARAMETERS, PREDICTIONS, RECORD, SCORES, SUMMARY, atomic
@@ -115,9 +117,9 @@ def _draw_scores(axes: Any, scores: Columns) -> None:
 
 def _draw_calibration(axes: Any, calibration: Columns) -> None:
     predicted, observed, count = (calibration.numbers(name, "") for name in ("predicted", "observed", "count"))
-    half = np.sqrt(np.maximum(observed * (1 - observed), 0.25 / count) / count)
+    low, high = np.transpose([wilson(share, number) for share, number in zip(observed, count)])
     axes.plot([0, 1], [0, 1], color="0.7", lw=1)
-    axes.errorbar(predicted, observed, 1.96 * half, fmt="o", ms=4, lw=1, color=SHADES[0])
+    axes.errorbar(predicted, observed, (observed - low, high - observed), fmt="o", ms=4, lw=1, color=SHADES[0])
     axes.set_xlim(-0.02, 1.02)
     axes.set_ylim(-0.02, 1.02)
     axes.set_xlabel("predicted probability", fontsize=9)

@@ -115,8 +115,8 @@ NOTES = {
     "given.",
     "petsc": "Any PETSc option as `name = value`, for example `{part}_ksp_rtol = 1e-4`. The command line "
     "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
-    "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line and "
-    "an `-options_file` win over the scene. Options nobody used are reported at the end.",
+    "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line "
+    "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
     "expect": "`name = number`, or a table with these keys, over the final diagnostics, `status` and "
     "`steps`.",
     "elastic.continuation": "Stages are an addition of this program to the method it implements.",

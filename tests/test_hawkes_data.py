@@ -138,7 +138,7 @@ BAD_EVENTS = {
     "time,first,second,first\n1,Ash,,\n": "line 1: column first is given twice",
     HEAD + "1,Ash\n": "line 2: has 2 fields (comma between them), not 3",
     HEAD + "1,Ash,,\n": "line 2: has 4 fields (comma between them), not 3",
-    HEAD + "1,Ash,Birch\n2,Elder,\n": 'line 3: first = "Elder": is no agent of the network; known: Ash, Birch, Cedar',
+    HEAD + "1,Ash,Birch\n2,Yew,\n": 'line 3: first = "Yew": is no agent of the network; known: Ash, Birch, Cedar',
     HEAD + "1,Ash,Brich\n": 'line 2: second = "Brich": is no agent of the network; did you mean Birch?',
     HEAD + "1,Ash,Ash\n": 'line 2: second = "Ash": must be another agent than the first, or blank',
     HEAD + ",Ash,\n": f'line 2: time = "": {TIME}',
@@ -197,7 +197,10 @@ def test_a_table_that_is_not_utf8_is_refused_with_the_line(tmp_path: Path) -> No
     [
         ({"begin": 5}, "[events] begin = 5: must be a timestamp in quotes without a time zone, as in the file"),
         ({"end": "late"}, "[events] end = \"late\": must be a timestamp in quotes without a time zone, as in the file"),
-        ({"begin": "2024-01-07"}, 'line 2: time = "2024-01-05": is before the beginning {outside}, 2024-01-07'),
+        (
+            {"begin": "2024-01-07"},
+            'line 2: time = "2024-01-05": is before the beginning of the observation, 2024-01-07',
+        ),
         ({"end": "2024-01-06"}, 'line 3: time = "2024-01-09": is after the end of the observation, 2024-01-06'),
     ],
 )
@@ -205,4 +208,4 @@ def test_an_observation_that_does_not_hold_the_events_is_refused(
     keys: dict[str, object], message: str, tmp_path: Path
 ) -> None:
     text = "time,first,second\n2024-01-05,Ash,\n2024-01-09,Ash,\n"
-    assert refusal(tmp_path, events, text, **keys) == message.replace("{outside}", "of the observation")
+    assert refusal(tmp_path, events, text, **keys) == message
