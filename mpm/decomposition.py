@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from .grid import nowhere
 from .particles import Particles
 
-BLOCK = 4  # cells of a block in each direction
+MOST_BLOCKS = 1 << 18  # what a DMDA costs is bounded, however large the box around the particles
 
 
 class Decomposition:
@@ -33,12 +33,16 @@ class Decomposition:
         d, comm = self._dimension, self.comm
         if comm.size == 1:
             return
-        block = self._blocks(np.floor(particles.position / self.h).astype(np.int64))
+        cells = np.floor(particles.position / self.h).astype(np.int64)
         low, high = np.full(d, np.iinfo(np.int64).max), np.full(d, np.iinfo(np.int64).min)
-        if len(block):
-            low, high = block.min(axis=0), block.max(axis=0)
+        if len(cells):
+            low, high = cells.min(axis=0), cells.max(axis=0)
         comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
         comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        self._side = 1  # cells of a block in each direction
+        while np.prod((high // self._side - low // self._side + 1).astype(float)) > MOST_BLOCKS:
+            self._side *= 2
+        block, low, high = (self._blocks(x) for x in (cells, low, high))
         self._low = low
         self._count = high - low + 1
         share = [self._histogram(block[:, k] - low[k], int(self._count[k])) for k in range(d)]
@@ -59,7 +63,7 @@ class Decomposition:
         self._bounds = [np.cumsum(r)[:-1] for r in self.dmda.getOwnershipRanges()]
         self._count = np.array([len(s) for s in share])
         begins, lengths = (np.array(corner) for corner in self.dmda.getCorners())
-        self._box = (low + begins) * BLOCK, (low + begins + lengths) * BLOCK
+        self._box = (low + begins) * self._side, (low + begins + lengths) * self._side
         self._box[0][begins == 0] = np.iinfo(np.int32).min  # blocks at the edge own all that lies beyond them
         self._box[1][begins + lengths == self._count] = np.iinfo(np.int32).max
         self.dmda.destroy()
@@ -82,9 +86,8 @@ class Decomposition:
             best = min(best, (surface + 1e6 * empty, list(ranks)))
         return best[1]
 
-    @staticmethod
-    def _blocks(cells: NDArray) -> NDArray:
-        return cells // BLOCK
+    def _blocks(self, cells: NDArray) -> NDArray:
+        return cells // self._side
 
     def elsewhere(self, places: NDArray) -> NDArray:
         """Rows of `places` (q, d), in units of h, that other ranks own; ascending."""
@@ -186,7 +189,7 @@ def _even_cuts(counts: NDArray, parts: int) -> list[int]:
     cuts = [0]
     for k in range(1, parts):
         wanted = total[-1] * k / parts
-        cut = int(np.searchsorted(total, wanted - 1e-9 * total[-1], side="left")) + 1
+        cut = int(np.abs(total - wanted).argmin()) + 1
         cuts.append(int(np.clip(cut, cuts[-1] + 1, len(counts) - (parts - k))))
     cuts.append(len(counts))
     return [b - a for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
