@@ -19,8 +19,8 @@ from extremal.hawkes.scores import wilson
 
 from .csv_columns import Columns, read_columns
 from .hawkes_picture import draw_network, draw_timelines
-from .results import CALIBRATION, EVENTS, HISTORY, PARAMETERS, PREDICTIONS, RECORD, SCORES, SUMMARY, atomic
-from .summary import columns, write_verdict
+from .results import CALIBRATION, EVENTS, HISTORY, ITERATIONS, PARAMETERS, PREDICTIONS, RECORD, SCORES, SUMMARY, atomic
+from .summary import columns, say_nothing, worth, write_verdict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,7 +50,9 @@ def draw(folder: Path) -> Path:
     figure.text(0.02, 0.968, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
     write_verdict(figure, record)
     parameters = _table(folder / PARAMETERS)
-    if parameters is not None:  # a run that failed has no result
+    if parameters is None:  # a run that failed has no result
+        _draw_iterations(figure.add_axes((0.09, 0.465, 0.87, 0.42)), columns(folder / ITERATIONS))
+    else:
         predictions, events = _table(folder / PREDICTIONS), _table(folder / EVENTS)
         assert events is not None
         draw_timelines(figure.add_axes((0.09, 0.465, 0.545, 0.42)), events, predictions, parameters, _unit(record))
@@ -75,6 +77,20 @@ def _table(path: Path) -> Columns | None:
 def _unit(record: Mapping[str, Any]) -> str:
     events = record["scene"].get("events")
     return f" [{events['unit']}]" if events else ""
+
+
+def _draw_iterations(axes: Any, iterations: Mapping[str, NDArray[Any]]) -> None:
+    """How near TAO came."""
+    names = {"gap": "proven gap, over the energy", "residual": "residual"}
+    shown = [name for name in names if worth(iterations, name)]
+    for name in shown:
+        axes.plot(iterations["total"], iterations[name], label=names[name])
+    if shown:
+        axes.set_yscale("log")
+        axes.legend(fontsize=9, frameon=False)
+        axes.set_xlabel("iteration", fontsize=9)
+    else:
+        say_nothing(axes, "no result")
 
 
 def _draw_row(figure: Figure, folder: Path, record: Mapping[str, Any], parameters: Columns | None) -> None:

@@ -262,7 +262,7 @@ def maximum(sums: NDArray, duration: float, old: NDArray, strength: float) -> ND
 
 def rough_guess(network: Network, events: Events) -> Network:
     """Shared parameters to start an estimation with: half of the events background, and ω from the typical gap."""
-    active = int(network.active.sum())
+    active = max(int(network.active.sum()), 1)
     N, T = max(len(events), 1), events.duration if events.duration > 0 else 1.0
     pair, time = network.number(*events.participants[~events.incomplete].T), events.time[~events.incomplete]
     order = np.argsort(pair, kind="stable")

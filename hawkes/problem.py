@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .estimate import Estimation
 
 NAMES = ("background", "branching", "decay")
+NOT_A_NUMBER = (72, 83)  # PETSC_ERR_FP and PETSC_ERR_USER, which TAO gives for it
 
 
 @dataclass(frozen=True)
@@ -164,6 +165,10 @@ class HawkesProblem:
             self.weights = error.reached.weights
             error.wanted_step = math.inf  # type: ignore[attr-defined]
             raise
+        except PETSc.Error as error:
+            if error.ierr not in NOT_A_NUMBER:
+                raise
+            raise ArithmeticError("the energy overflows: background, branching and decay are too far apart") from error
         self.weights = solved.weights
         self.found = {"energy": solved.energy, "gap": solved.relative_gap, "tao_iterations": solved.iterations}
         return {"tao_iterations": solved.iterations}

@@ -315,6 +315,40 @@ def test_what_cannot_be_done_is_said_in_a_line(
     assert message in err and err.count("\n") == 1
 
 
+HARD = {
+    "one event": ("A,B,1,.5,1", "1,,", "", 0, ""),
+    "all pairs silent": ("A,B,0,0,1", "1,A,", "", 0, ""),
+    "silent pairs, estimated": ("A,B,0,0,1", "1,A,", "[estimation]\nrounds = 2", 2, "there are no events"),
+    "no time passes": ("A,B,1,.5,1", "1,A,", "[estimation]\nrounds = 2", 2, "there are no events, or no time"),
+    "all at one time": ("A,B,1,.5,1\nB,C,2,.5,1", "1,B,\n1,B,\n1,A,B", "", 0, ""),
+    "no background": ("A,B,0,1,1\nB,C,0,1,.1", "1,B,\n2,B,", "", 0, ""),
+    "branching of 50": ("A,B,1,50,1\nB,C,1,.999,1", "1,B,\n2,B,\n3,B,", "", 0, ""),
+    "decay in 1e-12 and 1e12": ("A,B,1,.5,1e-12\nB,C,1,.5,1e12", "1,B,\n2,B,\n1e30,B,", "", 0, ""),
+    "beyond all numbers": ("A,B,1e300,1e300,1e300\nB,C,1,.5,1", "1,B,\n2,B,\n2,B,", "", 3, "the energy overflows"),
+    "awkward names": ('"A, $b_",C', '1,"A, $b_",', "", 0, ""),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_hard_data_are_solved_or_refused_in_a_line(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pairs, events, more, status, message = HARD[name]
+    columns = "first,second,background,branching,decay" if pairs.count(",") > 2 else "first,second"
+    (tmp_path / "network.csv").write_text(f"{columns}\n{pairs}\n")
+    (tmp_path / "events.csv").write_text(f"time,first,second\n{events}\n")
+    tables = '[network]\nfile = "network.csv"\n[events]\nfile = "events.csv"\n'
+    (tmp_path / "scene.toml").write_text(f'part = "hawkes"\n{tables}{more}\n')
+    assert cli.main(["hawkes", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "r"), "--quiet"]) == status
+    err = capsys.readouterr().err
+    assert message in err and err.count("\n") == (status > 0)
+    if status == 0:
+        rows = table(tmp_path / "r" / "predictions.csv")
+        numbers = [float(row[key]) for row in rows for key in ("weight", "probability", "certificate")]
+        assert np.isfinite(numbers).all()
+        assert all(float(row["certificate"]) <= 1e-8 for row in rows)
+
+
 # ------------------------------------------------------------- what is loaded
 
 
