@@ -32,7 +32,7 @@ def problem_line(name: str, data: Mapping[str, Any], where: Sequence[str | int],
     """
     place = _place(data, where)
     value = _value_at(data, where)
-    if value is _ABSENT or (isinstance(value, Mapping | list) and place.endswith("]")):
+    if not where or value is _ABSENT or (isinstance(value, Mapping | list) and place.endswith("]")):
         shown = ""
     else:
         shown = f" = {toml(value)}"
@@ -59,17 +59,21 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> Iterator[Prob
 
 def toml(value: Any) -> str:
     """Return a value as TOML writes it, cut short where it is long."""
-    if isinstance(value, bool):
-        text = "true" if value else "false"
-    elif isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
-    elif isinstance(value, Mapping):
-        text = "{" + ", ".join(f"{_key(key)} = {toml(entry)}" for key, entry in value.items()) + "}"
-    elif isinstance(value, list | tuple):
-        text = "[" + ", ".join(toml(entry) for entry in value) + "]"
-    else:
-        text = str(value)
+    text = literal(value)
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 4] + " ..."
+
+
+def literal(value: Any) -> str:
+    """Return a value as TOML writes it, tables inline."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {literal(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(literal(entry) for entry in value) + "]"
+    return str(value)
 
 
 def _place(data: Mapping[str, Any], where: Sequence[str | int]) -> str:

@@ -1,0 +1,86 @@
+"""`extremal study NAME_OR_FILE.toml` and `extremal study recommend SCENE`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import EXIT_FINISHED, EXIT_SOLVER, InputError
+from ..parallel import on_root
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of a sweep."""
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="default results/studies/NAME")
+    parser.add_argument("-j", "--jobs", metavar="N", type=_count, default=1, help="points at once (1)")
+    parser.add_argument("--ranks", metavar="R", type=_count, help="run each point under mpirun with R ranks")
+    parser.add_argument("--quick", action="store_true", help="the short form")
+
+
+def run(path: Path, args: argparse.Namespace, comm: MPI.Comm) -> int:
+    """Run what has not been run of a sweep, write its results and say what it found (collective)."""
+    return on_root(comm, lambda: _run(path, args, comm.size))
+
+
+def _run(path: Path, args: argparse.Namespace, size: int) -> int:
+    from ..studies._table import machine
+    from .model import load_sweep
+    from .points import points_of
+    from .report import assemble, slopes, table, write
+    from .running import How, run_points
+
+    if size > 1:
+        raise InputError(f"study {path.stem}: a sweep starts its own processes: leave mpirun out, give -j or --ranks")
+    sweep = load_sweep(path)
+    folder = args.output or Path("results/studies") / sweep.name
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; -o names a folder for the results")
+    points = points_of(sweep, args.quick, args.ranks or 0)
+    how = How(folder / "points", args.jobs, args.ranks or 0, sweep.timeout, sweep.repeats(args.quick))
+    facts = run_points(points, how, lambda line: print(line, flush=True))
+    try:
+        study = assemble(sweep, facts, how.folder, args.quick)
+    except ArithmeticError as error:
+        print(f"{sweep.path}: {error}", file=sys.stderr)
+        return EXIT_SOLVER
+    write(study, folder)
+    print("", machine(), table(study), slopes(study), *study["sentences"], str(folder / "study.png"), sep="\n\n")
+    return EXIT_FINISHED if any("error" in row for row in study["points"]) else EXIT_SOLVER
+
+
+def add_recommend_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `recommend`."""
+    parser.add_argument("scene", metavar="SCENE", help="scene file, or the name of a scene or case that has sweeps")
+    wanted = parser.add_mutually_exclusive_group(required=True)
+    wanted.add_argument("--error", metavar="E", type=_positive, help="relative error that is good enough, as 1e-2")
+    wanted.add_argument("--seconds", metavar="S", type=_positive, help="processor seconds that may be spent")
+
+
+def run_recommend(args: argparse.Namespace, comm: MPI.Comm) -> int:
+    """Print what to set, and why (collective)."""
+    from .recommend import recommend
+
+    on_root(comm, lambda: print(recommend(args.scene, args.error, args.seconds), flush=True))
+    return EXIT_FINISHED
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"{text}: must be a whole number from 1 to 1024")
+    return int(text)
+
+
+def _positive(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: must be a number above 0")
+    return number

@@ -1,0 +1,452 @@
+"""Sweeps: points are run once, failures are shown, fits and fronts are right, recommendations say why."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from extremal.app import cli, study_command
+from extremal.app.errors import EXIT_FINISHED, EXIT_INPUT, EXIT_SOLVER, InputError
+from extremal.app.results import read_table
+from extremal.app.sweep import norms, recommend, report, running
+from extremal.app.sweep.fits import front, power_law
+from extremal.app.sweep.model import load_sweep
+from extremal.app.sweep.points import flat, points_of
+from extremal.app.sweep.sentences import halving, percent
+
+SCENE = """
+part = "elastic"
+mesh = { shape = "box", dimension = 2, cell_size = 0.5 }
+material = { young_modulus = 1e5, poisson_ratio = 0.3, density = 1000.0 }
+fixed = [{ boundary = "left" }]
+gravity = { acceleration = [0.0, -9.81] }
+expect = { max_displacement = 17.0 }
+"""
+SWEEP = """
+title = "A square"
+scene = "square.toml"
+timeout = 120
+[set]
+solver.tolerance = 1e-6
+[error]
+diagnostic = "max_displacement"
+[reference]
+set = { "mesh.cell_size" = 0.1 }
+[[method]]
+name = "P1"
+[[method]]
+name = "P2"
+set = { element = { degree = 2 } }
+petsc = { elastic_ksp_type = "gmres" }
+[knob]
+key = "mesh.cell_size"
+values = [0.5, 0.25, 0.2]
+"""
+CASE = """
+case = "manufactured"
+set = { dimension = 2 }
+[[method]]
+name = "P1"
+[knob]
+key = "divisions"
+values = [2, 4, 8]
+"""
+
+
+@pytest.fixture
+def sweep_file(tmp_path):
+    (tmp_path / "square.toml").write_text(SCENE)
+    path = tmp_path / "sweep.toml"
+    path.write_text(SWEEP)
+    return path
+
+
+class FakeRuns:
+    """In place of other processes: errors h^(k+1) for degree k, seconds h^-3; `failing` tells which fail, and how."""
+
+    def __init__(self, failing=None):
+        self.failing, self.count = failing or {}, 0
+
+    def __call__(self, command, timeout):
+        import tomllib
+
+        self.count += 1
+        words = [str(word) for word in command]
+        with open(words[words.index("elastic") + 1], "rb") as file:
+            scene = tomllib.load(file)
+        folder, h = running.Path(words[words.index("-o") + 1]), scene["mesh"]["cell_size"]
+        degree = scene.get("element", {}).get("degree", 1)
+        how = self.failing.get((degree, h))
+        if how == "timeout":
+            return None, ""
+        if how == "refused":
+            return 2, "extremal: mesh: too coarse\n-----\nmpirun noticed\n"
+        folder.mkdir(parents=True)
+        (folder / "history.csv").write_text(f"time,max_displacement\n1,{1 + (h > 0.1) * h ** (degree + 1)}\n")
+        record = {
+            "status": "failed" if how else "finished",
+            "reason": how or "",
+            "size": round(h**-2),
+            "steps": 1,
+            "solver_iterations": {"total": 3, "newton_iterations": 3},
+            "wall_seconds": 1.0,
+            "run_cpu_seconds": [h**-3],
+            "cpu_seconds": [1.0],
+            "peak_memory_bytes": [1],
+            "versions": {},
+            "diagnostics": {},
+        }
+        (folder / "run.json").write_text(json.dumps(record))
+        return (3 if how else 0), ""
+
+
+@pytest.fixture
+def run(sweep_file, monkeypatch):
+    """Run the sweep with fake processes in `results`; return the exit code, what was found, and how many ran."""
+
+    def go(*words, failing=None):
+        fake = FakeRuns(failing)
+        monkeypatch.setattr(running, "limited", fake)
+        folder = sweep_file.parent / "results"
+        code = cli.main(["study", str(sweep_file), "-o", str(folder), *words])
+        found = folder / "study.json"
+        return code, json.loads(found.read_text()) if found.exists() else None, fake.count
+
+    return go
+
+
+# ---------------------------------------------------------------------------------------- points
+
+
+def test_points_are_whole_scenes_with_their_changes(sweep_file):
+    import tomllib
+
+    points = points_of(load_sweep(sweep_file))
+    assert [str(point) for point in points[:2]] == ["reference", "P1 at 0.5"]
+    assert len(points) == len({point.folder for point in points}) == 7
+    last = tomllib.loads(points[-1].text)
+    assert (last["mesh"]["cell_size"], last["mesh"]["dimension"]) == (0.2, 2)
+    assert last["element"]["degree"] == 2
+    assert last["petsc"]["elastic_ksp_type"] == "gmres"
+    assert last["solver"]["tolerance"] == 1e-6
+    assert "expect" not in last
+
+
+def test_a_point_is_another_when_anything_it_depends_on_changes(sweep_file):
+    before = [point.digest for point in points_of(load_sweep(sweep_file))]
+    assert [point.digest for point in points_of(load_sweep(sweep_file))] == before
+    assert not {point.digest for point in points_of(load_sweep(sweep_file), ranks=2)} & {*before}
+    (sweep_file.parent / "square.toml").write_text(SCENE.replace("0.3", "0.31"))
+    assert not {point.digest for point in points_of(load_sweep(sweep_file))} & {*before}
+
+
+def test_dotted_keys_and_tables_are_the_same():
+    assert flat({"a": {"b": 1, "c": {"d": 2}}, "e.f": {}}) == {"a.b": 1, "a.c.d": 2, "e.f": {}}
+
+
+def test_finished_points_are_not_run_again(run):
+    code, first, count = run("-j", "2")
+    assert (code, count) == (EXIT_FINISHED, 7)
+    code, second, count = run()
+    assert (code, count) == (EXIT_FINISHED, 0)
+    assert second["points"] == first["points"]
+
+
+def test_a_killed_study_goes_on_where_it_was(tmp_path):
+    path, folder = tmp_path / "case.toml", tmp_path / "results"
+    path.write_text(CASE)
+    command = [sys.executable, "-m", "extremal.app", "study", str(path), "-o", str(folder)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    end = time.monotonic() + 120
+    while not list(folder.glob("points/*/point.json")) and time.monotonic() < end:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = {file: file.stat().st_mtime_ns for file in folder.glob("points/*/point.json")}
+    assert 1 <= len(done) < 3
+    assert not (folder / "study.json").exists()
+    said = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert said.returncode == EXIT_FINISHED, said.stderr
+    assert said.stdout.count("kept") == len(done)
+    assert {file: file.stat().st_mtime_ns for file in done} == done
+    study = json.loads((folder / "study.json").read_text())
+    # P1's gradient is of first order; three coarse meshes leave a tenth of doubt
+    assert study["fits"]["P1"]["error_of_knob"]["slope"] == pytest.approx(-1, abs=0.1)
+    assert study["points"][-1]["size"] == 2 * 9**2
+
+
+def test_a_real_scene_is_measured_and_compared(sweep_file):
+    text = SWEEP.replace("diagnostic", "field").replace("max_displacement", "displacement")
+    sweep_file.write_text(text.replace("[0.5, 0.25, 0.2]", "[0.5, 0.25]"))
+    folder = sweep_file.parent / "real"
+    assert cli.main(["study", str(sweep_file), "-o", str(folder), "-j", "2"]) == EXIT_FINISHED
+    study = json.loads((folder / "study.json").read_text())
+    errors = [row["error"] for row in study["points"]]
+    assert errors[0] > errors[1] > errors[3]  # a finer mesh, then a higher degree
+    assert all(row["seconds"] > 0 and row["memory"] > 1e6 and row["size"] > 0 for row in study["points"])
+    assert (folder / "study.png").stat().st_size > 10_000
+    assert len((folder / "study.csv").read_text().splitlines()) == 5
+
+
+# ---------------------------------------------------------------------------------------- failures
+
+
+def test_failed_points_are_shown_and_not_dropped(run, capsys):
+    failing = {(1, 0.5): "it blew up", (1, 0.25): "timeout", (2, 0.2): "refused"}
+    code, study, _ = run(failing=failing)
+    assert code == EXIT_FINISHED
+    assert len(study["points"]) == 6
+    reasons = {(row["method"], row["value"]): (row["status"], row["reason"]) for row in study["points"]}
+    assert reasons["P1", 0.5] == ("failed", "it blew up")
+    assert reasons["P1", 0.25] == ("timeout", "not finished after 120 s")
+    assert reasons["P2", 0.2] == ("failed", "mesh: too coarse")
+    shown = capsys.readouterr().out
+    assert "3 of 6 points have failed: P1 at mesh.cell_size = 0.5 (it blew up); " in shown
+    assert "timeout: not finished after 120 s |" in shown
+
+
+def test_a_point_that_ran_out_of_time_is_run_again_with_more(run, sweep_file):
+    failing = {(1, 0.25): "timeout"}
+    run(failing=failing)
+    assert run(failing=failing)[2] == 0
+    sweep_file.write_text(SWEEP.replace("timeout = 120", "timeout = 240"))
+    code, study, count = run()
+    assert count == 1
+    assert all("error" in row for row in study["points"])
+
+
+def test_without_a_reference_there_is_no_study(run, capsys):
+    code, study, _ = run(failing={(1, 0.1): "it blew up"})
+    assert (code, study) == (EXIT_SOLVER, None)
+    assert "the reference failed: it blew up" in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------------------------- fits, front, sentences
+
+
+def test_fits_recover_known_slopes_and_their_confidence():
+    random = np.random.default_rng(1)
+    x = np.logspace(0, 3, 12)
+    exact = power_law(x, 5 * x**-1.5)
+    assert (exact.slope, exact.level) == pytest.approx((-1.5, 5))
+    inside = 0
+    for _ in range(200):
+        fit = power_law(x, 5 * x**-1.5 * np.exp(0.3 * random.standard_normal(12)))
+        inside += fit.low <= -1.5 <= fit.high
+    assert 180 <= inside <= 199  # 95% of 200, three standard deviations either way
+
+
+def test_two_points_have_a_slope_without_confidence_and_one_has_none():
+    fit = power_law([1, 10], [1, 100])
+    assert fit.slope == pytest.approx(2)
+    assert math.isinf(fit.low)
+    assert power_law([3, 3], [1, 2]) is None
+    assert power_law([1, 2, 3], [1, 0, math.nan]) is None
+
+
+def test_fits_of_a_sweep_are_those_of_its_points(run):
+    _, study, _ = run()
+    fits = study["fits"]["P2"]
+    wanted = {"error_of_knob": 3, "error_of_size": -1.5, "seconds_of_size": 1.5, "seconds_of_error": -1}
+    assert {name: fit["slope"] for name, fit in fits.items()} == pytest.approx(wanted)
+    assert all(fit["low"] <= fit["slope"] <= fit["high"] for fit in fits.values())
+
+
+def test_front_keeps_what_no_other_point_beats():
+    assert front([3, 1, 2, 2, 4], [0.2, 0.9, 0.5, 0.4, 0.3]) == [1, 3, 0]
+    assert front([], []) == []
+
+
+def test_front_of_a_sweep_is_the_better_method(run):
+    _, study, _ = run()
+    assert {row["method"] for row in study["points"] if row.get("front")} == {"P2"}
+
+
+def test_sentences_are_plain(run):
+    _, study, _ = run()
+    assert study["sentences"] == [
+        "With P1, halving the error costs 2.8x the time (95% confidence: 2.8x to 2.8x, 3 points).",
+        "With P2, halving the error costs 2x the time (95% confidence: 2x to 2x, 3 points).",
+        "The cheapest way to an error of 10% is P2 at mesh.cell_size = 0.25: 64 s (its error: 1.6%).",
+        "The cheapest way to an error of 1% is P2 at mesh.cell_size = 0.2: 1.2e+02 s (its error: 0.8%).",
+    ]
+    fit = {"slope": -2.0, "low": -2.3219281, "high": -1.5849625, "count": 4}
+    assert halving(fit) == "halving the error costs 4x the time (95% confidence: 3x to 5x, 4 points)"
+    assert "no clear relation" in halving({**fit, "high": 0.1})
+    assert "nothing is known" in halving({**fit, "low": None, "high": None, "count": 2})
+    assert (percent(0.01), percent(0.0123), percent(1e-5)) == ("1%", "1.2%", "1.0e-05")
+
+
+# ---------------------------------------------------------------------------------------- errors of runs
+
+
+def test_histories_are_compared_over_time():
+    t = np.linspace(0, 1, 101)
+    fine = (t, np.sin(t))
+    assert norms.of_histories(fine, fine) == 0
+    assert norms.of_histories((t, 1.1 * np.sin(t)), fine) == pytest.approx(0.1)
+    # every tenth time only: straight lines between them are wrong by dt²/8 at most
+    assert norms.of_histories((t[::10], np.sin(t[::10])), fine) < 0.1**2 / 8
+
+
+def test_fields_are_interpolated_at_the_points_of_the_run():
+    random = np.random.default_rng(0)
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], dtype=float)
+    known = np.vstack([corners, random.uniform(0, 1, (200, 3))])
+    points = random.uniform(0, 1, (50, 3))
+    linear = lambda x: x @ np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])  # noqa: E731
+    assert norms.of_fields((points, 1.02 * linear(points)), (known, linear(known))) == pytest.approx(0.02)
+    flat_points, flat_known = points * [1, 1, 0], known * [1, 1, 0]
+    assert norms.of_fields((flat_points, linear(flat_points)), (flat_known, linear(flat_known))) < 1e-12
+
+
+def test_densities_count_the_mass_in_the_wrong_cell():
+    x = np.array([[0.5, 0.5], [1.5, 0.5], [-0.5, 0.5], [0.5, 0.5]])
+    moved = x + [[0, 0], [0, 0], [0, 0], [2, 0]]
+    m = np.full(4, 0.25)
+    assert norms.of_densities((x, m), (x, m), 1.0) == 0
+    assert norms.of_densities((moved, m), (x, m), 1.0) == pytest.approx(0.5)  # a quarter is missing, and too much
+
+
+# ---------------------------------------------------------------------------------------- recommendations
+
+
+@pytest.fixture
+def stored(run, sweep_file, monkeypatch, tmp_path):
+    """The sweep's study.json where recommendations are looked for."""
+    run()
+    for place in ("OWN", "SHIPPED"):
+        monkeypatch.setattr(recommend, place, tmp_path / place)
+    (tmp_path / "SHIPPED").mkdir()
+    study = tmp_path / "SHIPPED" / "sweep.json"
+    study.write_text((tmp_path / "results" / "study.json").read_text())
+    return str(tmp_path / "square.toml")
+
+
+def test_recommendation_is_the_cheapest_point_that_is_good_enough(stored, capsys):
+    assert cli.main(["study", "recommend", stored, "--error", "0.02"]) == EXIT_FINISHED
+    out = capsys.readouterr().out
+    assert "P2 at mesh.cell_size = 0.25" in out
+    for line in ("element.degree = 2", "mesh.cell_size = 0.25", 'petsc.elastic_ksp_type = "gmres"'):
+        assert f"    {line}\n" in out
+    assert "    solver.tolerance = 1e-06" in out
+    assert "margin: 1.3x in the error" in out  # 0.02 / 0.25³
+    assert "how sure: 5 points within a factor of 10 of its error, 3 of them of P2;" in out
+    assert "measured on this very scene" in out
+
+
+def test_recommendation_within_seconds_is_the_most_accurate_point(stored):
+    assert "P2 at mesh.cell_size = 0.25" in recommend.recommend(stored, None, 70.0)  # 0.25^-3 s = 64 s
+
+
+def test_recommendation_says_what_is_not_known(stored, sweep_file, tmp_path):
+    shipped = tmp_path / "SHIPPED" / "sweep.json"
+    study = json.loads(shipped.read_text())
+    shipped.write_text(json.dumps({**study, "machine": "another, 1 cores", "quick": True}))
+    (tmp_path / "square.toml").write_text(SCENE.replace("9.81", "9.8"))
+    words = recommend.recommend(stored, 0.1, None)
+    for caveat in ("seconds are of another machine: another", "short form", "the scene was different"):
+        assert caveat in words
+
+
+def test_what_no_point_reaches_is_refused_with_an_estimate(stored, capsys):
+    assert cli.main(["study", "recommend", stored, "--error", "1e-9"]) == EXIT_INPUT
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "no point has an error of 1.0e-09 or less" in err and "accepted is --error" in err
+    with pytest.raises(InputError, match="accepted is --seconds 8 or more"):
+        recommend.recommend(stored, None, 1e-3)
+    with pytest.raises(InputError, match="no sweep of it has been run; known: square"):
+        recommend.recommend("pastry", 0.1, None)
+
+
+# ---------------------------------------------------------------------------------------- bad files
+
+BAD = [
+    ('scene = "square.toml"', "", "must have exactly one of scene, case"),
+    ('"square.toml"', '"round.toml"', 'scene = "round.toml": no such file: {here}/round.toml'),
+    ('scene = "square.toml"', 'case = "manufcatured"', "[error]: belongs to a scene; a case knows its own"),
+    ("[knob]", "[knbo]", "[knob]: is missing; what is walked along each line"),
+    ("values = [0.5, 0.25, 0.2]", "values = []", "[knob] values = []: must have at least one entry"),
+    ("values = [0.5,", "values = [[1],", "[knob] values #1 = [1]: must be a number, a text, true or false"),
+    ('name = "P2"', 'name = "P1"', '[[method]] #2 name = "P1": this name is taken; choose another'),
+    (
+        "diagnostic =",
+        'field = "displacement"\ndiagnostic =',
+        "[error]: must have exactly one of diagnostic, history, field, density",
+    ),
+    (
+        "max_displacement",
+        "max_displacment",
+        '[error] diagnostic = "max_displacment": unknown diagnostic of elastic; did you mean max_displacement?',
+    ),
+    (
+        'diagnostic = "max_displacement"',
+        "density = 0.1",
+        "[error] density = 0.1: belongs to scenes of snow; this one's part is elastic",
+    ),
+    ('set = { "mesh.cell_size" = 0.1 }', "", "[reference]: must have exactly one of set, value"),
+    ("timeout = 120", "timeout = 0", "timeout = 0: must be above 0"),
+    ("timeout = 120", "tiemout = 120", "tiemout = 120: unknown key; did you mean timeout?"),
+    (
+        "elastic_ksp_type",
+        "-elastic_ksp_type",
+        '[[method]] #2 petsc.-elastic_ksp_type = "gmres": the name of a PETSc option is written without the dash',
+    ),
+    ("[0.5, 0.25, 0.2]", "[-0.5]", "P1 at -0.5: [mesh] cell_size = -0.5: must be above 0"),
+    (
+        'key = "mesh.cell_size"',
+        'key = "mesh.cell_sise"',
+        'P1 at 0.5: [mesh] cell_sise = 0.5: unknown parameter of shape "box"; did you mean cell_size?',
+    ),
+    (
+        "solver.tolerance = 1e-6",
+        'fixed.3.boundary = "top"',
+        "reference: fixed.3.boundary: 3 must be a position in the list, from 0 to 0",
+    ),
+    ("solver.tolerance = 1e-6", "part.what = 1", 'reference: part.what = 1: part is "elastic", not a table'),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), BAD, ids=[new or old for old, new, _ in BAD])
+def test_a_bad_sweep_is_refused_with_one_line(old, new, message, sweep_file, capsys):
+    assert old in SWEEP
+    sweep_file.write_text(SWEEP.replace(old, new))
+    assert cli.main(["study", str(sweep_file), "-o", str(sweep_file.parent / "results")]) == EXIT_INPUT
+    out, err = capsys.readouterr()
+    assert out == "" and "Traceback" not in err
+    assert f"extremal: {sweep_file}: {message.replace('{here}', str(sweep_file.parent))}" in err.splitlines()
+    assert not (sweep_file.parent / "results").exists()
+
+
+def test_settings_of_a_case_are_known(tmp_path):
+    path = tmp_path / "case.toml"
+    path.write_text(CASE.replace("dimension", "dimensoin"))
+    with pytest.raises(InputError, match="dimensoin = 2: unknown setting; did you mean dimension?"):
+        load_sweep(path)
+    path.write_text(CASE.replace('"manufactured"', '"manufcatured"'))
+    with pytest.raises(InputError, match='case = "manufcatured": unknown case; did you mean manufactured?'):
+        load_sweep(path)
+
+
+@pytest.mark.parametrize("name", study_command.sweeps())
+def test_shipped_sweeps_can_be_run_and_their_fronts_are_of_their_scene(name):
+    sweep = load_sweep(study_command.sweeps()[name])
+    assert sweep.title
+    for quick in (True, False):
+        assert len(points_of(sweep, quick)) >= 2
+    stored = recommend.SHIPPED / f"{sweep.name}.json"
+    if stored.exists():
+        study = json.loads(stored.read_text())
+        assert (recommend.subject(study), study["quick"]) == (sweep.subject, False)
+        assert study["digest"] == (report.digest(sweep.scene_path) if sweep.case is None else "")
+
+
+def test_table_of_history_is_read_to_its_last_whole_line(tmp_path):
+    (tmp_path / "history.csv").write_text("time,energy\n0,1\n1,2\n2,")
+    assert read_table(tmp_path / "history.csv")[1][-1] == {"time": 1.0, "energy": 2.0}
