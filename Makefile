@@ -1,5 +1,6 @@
 # make run      a scattered cube recovers its shape on two ranks; results in results/scattered_cube
 # make test     linters, then the tests serially and on 2 and 3 ranks
+# make studies  what accuracy costs, short forms of all studies; make studies-long: the full ones, which take hours
 # make test-long, bench, lint, docs, clean
 # `run` and `test` first install what is missing (setup.sh). Another scene: make run SCENE=app/scenes/twist.toml RANKS=4
 
@@ -15,6 +16,8 @@ python := .venv/bin/python
 peer = @[ -e build/peers/$1/ready ] || { /usr/bin/python3 -m venv --clear build/peers/$1 && \
     build/peers/$1/bin/python -m pip install -qq --disable-pip-version-check --no-input $2 && \
     touch build/peers/$1/ready; } || echo "bench: $1 cannot be installed; the table does without it" >&2
+sweeps = $(sort $(wildcard app/studies/*.toml))
+study := $(python) -m extremal.app study
 export OMP_NUM_THREADS ?= 1
 # Open MPI refuses to start as root (in a container, say) unless told twice
 ifeq ($(shell id -u),0)
@@ -27,7 +30,7 @@ mpirun := mpirun --oversubscribe
 pytest := $(python) -m pytest
 parallel_pytest := $(python) -m pytest -p no:cacheprovider --color=no
 
-.PHONY: run test test-long test-hard bench lint docs clean setup setup-dev
+.PHONY: run test test-long test-hard bench studies studies-long lint docs clean setup setup-dev
 .DEFAULT_GOAL := run
 
 run: setup
@@ -50,6 +53,23 @@ bench: setup
 	$(call peer,clarabel,"clarabel==0.11.*" scipy)
 	$(call peer,tick,"tick==0.8.*")
 	$(python) -m extremal.app study hawkes-cost
+
+# each short form takes a minute or two; the runs of tables and maps are so few that their figures are rough
+studies: setup
+	for sweep in $(sweeps); do $(study) $$sweep --quick -j 2 || exit 1; done
+	for name in cost locking recovery snow-cost snow-effects snow-iterations solvers; do \
+	    $(study) $$name --quick -o results/studies-quick/$$name || exit 1; done
+	$(study) contour -o results/studies-quick/contour
+	for name in table-3.1 table-3.2 hawkes-accuracy; do \
+	    $(study) $$name --runs 3 -o results/studies-quick/$$name || exit 1; done
+	$(study) figure-3.3 --runs 2 --points 5 -o results/studies-quick/figure-3.3
+
+# finished points are kept: an interrupted `make studies-long` goes on where it was. What `recommend` ships is renewed.
+studies-long: setup bench
+	for sweep in $(sweeps); do $(study) $$sweep || exit 1; done
+	for name in $(notdir $(basename $(sweeps))); do cp results/studies/$$name/study.json app/studies/fronts/$$name.json; done
+	for name in contour locking recovery snow-effects snow-iterations solvers table-3.1 table-3.2 hawkes-accuracy \
+	    figure-3.3; do $(study) $$name || exit 1; done
 
 # mypy wants the packages where their import names say: a folder of links does it
 lint: setup-dev

@@ -300,9 +300,11 @@ def test_fields_are_interpolated_at_the_points_of_the_run():
     known = np.vstack([corners, random.uniform(0, 1, (200, 3))])
     points = random.uniform(0, 1, (50, 3))
     linear = lambda x: x @ np.array([[1.0, 2.0, 0.0], [0.0, 1.0, 3.0], [1.0, 0.0, 1.0]])  # noqa: E731
-    assert norms.of_fields((points, 1.02 * linear(points)), (known, linear(known))) == pytest.approx(0.02)
-    flat_points, flat_known = points * [1, 1, 0], known * [1, 1, 0]
-    assert norms.of_fields((flat_points, linear(flat_points)), (flat_known, linear(flat_known))) < 1e-12
+    reference = norms.Interpolated(known, linear(known))
+    assert norms.of_fields(points, 1.02 * linear(points), reference) == pytest.approx(0.02)
+    assert norms.of_fields(known, 1.02 * linear(known), reference) == pytest.approx(0.02)
+    points, known = points * [1, 1, 0], known * [1, 1, 0]
+    assert norms.of_fields(points, linear(points), norms.Interpolated(known, linear(known))) < 1e-12
 
 
 def test_densities_count_the_mass_in_the_wrong_cell():

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of a sweep."""
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="default results/studies/NAME")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="default results/studies/NAME, or NAME-quick")
     parser.add_argument("-j", "--jobs", metavar="N", type=_count, default=1, help="points at once (1)")
     parser.add_argument("--ranks", metavar="R", type=_count, help="run each point under mpirun with R ranks")
     parser.add_argument("--quick", action="store_true", help="the short form")
@@ -38,7 +38,7 @@ def _run(path: Path, args: argparse.Namespace, size: int) -> int:
     if size > 1:
         raise InputError(f"study {path.stem}: a sweep starts its own processes: leave mpirun out, give -j or --ranks")
     sweep = load_sweep(path)
-    folder = args.output or Path("results/studies") / sweep.name
+    folder = args.output or Path("results/studies") / (sweep.name + ("-quick" if args.quick else ""))
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; -o names a folder for the results")
     points = points_of(sweep, args.quick, args.ranks or 0)

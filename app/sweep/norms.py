@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,31 +17,33 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def error_of(measure: ErrorMeasure, run: Path, reference: Path | float) -> float:
-    """Relative error of a run.
+def comparison(measure: ErrorMeasure, reference: Path | float) -> Callable[[Path], float]:
+    """Return the function that tells the relative error of the run in a results folder.
 
     Parameters
     ----------
-    run : pathlib.Path
-        Results folder.
     reference : pathlib.Path or float
         Results folder of the reference, or the exact value of the diagnostic.
 
     Raises
     ------
     ValueError
-        If the results do not hold what is to be compared.
+        If the results, those of the reference or later those of a run, do not hold what is to be compared.
     """
     if measure.diagnostic is not None:
-        there = reference if isinstance(reference, float) else _column(reference, measure.diagnostic)[-1]
-        return abs(_column(run, measure.diagnostic)[-1] - there) / abs(there)
+        name = measure.diagnostic
+        there = reference if isinstance(reference, float) else float(_column(reference, name)[-1])
+        return lambda run: abs(float(_column(run, name)[-1]) - there) / abs(there)
     assert isinstance(reference, Path)
     if measure.history is not None:
-        return of_histories(_history(run, measure.history), _history(reference, measure.history))
+        column, known = measure.history, _history(reference, measure.history)
+        return lambda run: of_histories(_history(run, column), known)
     if measure.field is not None:
-        return of_fields(_field(run, measure.field), _field(reference, measure.field))
+        field, at = measure.field, Interpolated(*_field(reference, measure.field))
+        return lambda run: of_fields(*_field(run, field), at)
     assert measure.density is not None
-    return of_densities(_particles(run), _particles(reference), measure.density)
+    cell, particles = measure.density, _particles(reference)
+    return lambda run: of_densities(_particles(run), particles, cell)
 
 
 def of_histories(run: tuple[NDArray, NDArray], reference: tuple[NDArray, NDArray]) -> float:
@@ -57,28 +61,45 @@ def _integral(values: NDArray, times: NDArray) -> float:
     return float(((values[1:] + values[:-1]) / 2 * np.diff(times)).sum())
 
 
-def of_fields(run: tuple[NDArray, NDArray], reference: tuple[NDArray, NDArray]) -> float:
-    """Root mean square over the run's points of u - u_ref, relative to that of u_ref; each is (points, values).
-
-    The reference is interpolated linearly between its points, unless they are the same points.
-    """
-    points, values = run
-    there = _at(points, *reference)
+def of_fields(points: NDArray, values: NDArray, reference: Interpolated) -> float:
+    """Root mean square over the points (n, 3) of u - u_ref, relative to that of u_ref."""
+    there = reference(points)
     return float(np.sqrt(((values - there) ** 2).sum() / (there**2).sum()))
 
 
-def _at(points: NDArray, known: NDArray, values: NDArray) -> NDArray:
-    if known.shape == points.shape and np.allclose(known, points, rtol=0, atol=1e-12 * np.ptp(known, axis=0).max()):
-        return values
-    from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+class Interpolated:
+    """A field known at points, linear between them; at the very same points it is not touched.
 
-    is_used = np.ptp(known, axis=0) > 0  # a plane body has z = 0
-    known, points = known[:, is_used], points[:, is_used]
-    found: NDArray = LinearNDInterpolator(known, values)(points)
-    outside = np.isnan(found).any(axis=1)
-    if outside.any():
-        found[outside] = NearestNDInterpolator(known, values)(points[outside])
-    return found
+    Parameters
+    ----------
+    points : NDArray, shape (n, 3) [m]
+    values : NDArray, shape (n, k)
+    """
+
+    def __init__(self, points: NDArray, values: NDArray) -> None:
+        self.points, self.values = points, values
+        extent = np.ptp(points, axis=0)
+        self._same = 1e-12 * extent.max()
+        self._used = extent > 0  # a plane body has z = 0
+
+    @cached_property
+    def _inside(self) -> Any:
+        from scipy.interpolate import LinearNDInterpolator
+
+        return LinearNDInterpolator(self.points[:, self._used], self.values)
+
+    def __call__(self, points: NDArray) -> NDArray:
+        """Values at points (m, 3); outside of the hull those of the nearest known point."""
+        if points.shape == self.points.shape and np.allclose(points, self.points, rtol=0, atol=self._same):
+            return self.values
+        wanted = points[:, self._used]
+        found: NDArray = self._inside(wanted)
+        outside = np.isnan(found).any(axis=1)
+        if outside.any():
+            from scipy.interpolate import NearestNDInterpolator
+
+            found[outside] = NearestNDInterpolator(self.points[:, self._used], self.values)(wanted[outside])
+        return found
 
 
 def of_densities(run: tuple[NDArray, NDArray], reference: tuple[NDArray, NDArray], cell: float) -> float:

@@ -7,7 +7,7 @@ import datetime
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ..results import atomic, write_text
 from ..studies._table import aligned, machine
 from .fits import Fit, front, power_law
 from .model import Sweep
-from .norms import error_of
+from .norms import comparison
 from .points import REFERENCE, flat, plain
 from .running import RUN, Facts
 from .sentences import sentences
@@ -40,9 +40,16 @@ def assemble(sweep: Sweep, facts: Sequence[Facts], points: Path, quick: bool) ->
     if reference is not None and reference["status"] != "finished":
         raise ArithmeticError(f"the reference failed: {reference['reason']}")
     rows = [{**one} for one in facts if one is not reference]
-    for row in rows:
-        if row["status"] == "finished" and sweep.error is not None:
-            _compare(sweep, row, points, reference)
+    if sweep.error is not None and sweep.reference is not None:
+        value = sweep.reference.value
+        there = points / reference["folder"] / RUN if reference is not None else float(value or 0.0)
+        try:
+            error_of = comparison(sweep.error, there)
+        except (ValueError, OSError) as failure:
+            raise ArithmeticError(f"the reference cannot be compared with: {failure}") from None
+        for row in rows:
+            if row["status"] == "finished":
+                _compare(row, points, error_of)
     done = [row for row in rows if "error" in row]
     for k in front([row["seconds"] for row in done], [row["error"] for row in done]):
         done[k]["front"] = True
@@ -66,13 +73,9 @@ def assemble(sweep: Sweep, facts: Sequence[Facts], points: Path, quick: bool) ->
     return study
 
 
-def _compare(sweep: Sweep, row: Facts, points: Path, reference: Facts | None) -> None:
-    assert sweep.error is not None and sweep.reference is not None
-    there: Path | float = points / reference["folder"] / RUN if reference is not None else float(
-        sweep.reference.value or 0.0
-    )
+def _compare(row: Facts, points: Path, error_of: Callable[[Path], float]) -> None:
     try:
-        error = error_of(sweep.error, points / row["folder"] / RUN, there)
+        error = error_of(points / row["folder"] / RUN)
     except (ValueError, OSError, InputError) as failure:
         row["status"], row["reason"] = "failed", f"no error: {str(failure).splitlines()[0]}"
         return
