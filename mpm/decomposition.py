@@ -126,10 +126,11 @@ class Decomposition:
         self.comm.Allreduce(MPI.IN_PLACE, share, op=MPI.MAX)
         if share <= tolerated:
             return particles
+        with np.errstate(invalid="ignore"):  # what is nowhere may stay: the grid refuses it
+            rank = self.owner(np.floor(particles.position[leaving] / self.h).astype(np.int64))
+        leaving, rank = leaving[rank != self.comm.rank], rank[rank != self.comm.rank]
         staying = np.ones(len(particles), dtype=bool)
         staying[leaving] = False
-        with np.errstate(invalid="ignore"):  # the grid refuses what is nowhere
-            rank = self.owner(np.floor(particles.position[leaving] / self.h).astype(np.int64))
         arrived = self._carry(particles.take(leaving), rank)
         return Particles.join([particles.take(np.flatnonzero(staying)), arrived])
 
@@ -149,9 +150,10 @@ class Decomposition:
         target = swarm.getField("DMSwarm_rank")
         target[:] = rank.reshape(target.shape)
         swarm.restoreField("DMSwarm_rank")
-        swarm.migrate(remove_sent_points=True)
+        # what arrives stands after what was there; PETSc's removal of that takes time that grows with its square
+        swarm.migrate(remove_sent_points=False)
         count = swarm.getLocalSize()
-        arrived = np.array(swarm.getField("particle")).reshape(-1, width)[:count].copy()
+        arrived = np.array(swarm.getField("particle")).reshape(-1, width)[len(packed) : count].copy()
         swarm.restoreField("particle")
         swarm.destroy()
         return _unpack(arrived, particles)

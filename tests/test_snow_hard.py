@@ -9,6 +9,7 @@ from mpi4py import MPI
 from snow_reference import BOTH, ball, lattice, share, together
 
 from extremal.mpm.colliders import Contact, Rigid
+from extremal.mpm.decomposition import Decomposition
 from extremal.mpm.law import Law
 from extremal.mpm.particles import Particles
 from extremal.mpm.problem import SnowProblem, StepFailure
@@ -212,6 +213,7 @@ def test_debris_far_away_costs_neither_memory_nor_accuracy():
 LARGE = """
 import resource, numpy as np
 from mpi4py import MPI
+from extremal.mpm.decomposition import Decomposition
 from extremal.mpm.law import Law
 from extremal.mpm.particles import Particles
 from extremal.mpm.problem import SnowProblem
@@ -271,3 +273,24 @@ def test_a_single_precision_operator_hardly_changes_the_answer(comm, d):
         places.append(made.state().get("position"))
     away = np.abs(places[0] - places[1]).max() / H if comm.rank == 0 else 0.0
     assert comm.bcast(away) < 1e-4
+
+
+@pytest.mark.mpi
+def test_all_particles_may_change_ranks_at_once_in_time_proportional_to_their_number(comm):
+    """As after a restart. Sixteen times as many: 16 or, where each removal moves all others, 256 times the time."""
+    if comm.size == 1:
+        pytest.skip("nothing to change to")
+    seconds = []
+    for side in (5, 80):
+        cells = (side, 40) if comm.rank else (0, 0)
+        x = lattice([0.0, 0.0], [cells[0] * H, cells[1] * H], H / 4)
+        p = Particles.at(x, 1.0)
+        best = np.inf
+        for _ in range(3):
+            space = Decomposition(comm, H, p)
+            begin = time.process_time()
+            arrived = space.migrate(p)
+            best = min(best, comm.allreduce(time.process_time() - begin, op=MPI.MAX))
+        assert comm.allreduce(len(arrived)) == comm.allreduce(len(p))
+        seconds.append(best)
+    assert seconds[1] < 60 * seconds[0]
