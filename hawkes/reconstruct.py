@@ -27,6 +27,7 @@ DEFAULTS = {
 }
 NEWTON = ("tron", "bntr", "bntl", "bnls")
 ATTEMPTS = 3  # of TAO, after sweeps that take it away from where it gave up
+WORTHWHILE = 10.0
 LIFT = 1e-8  # of the weight that a sweep would give: a slot at its bound has infinite slope in y = x²
 
 
@@ -84,7 +85,8 @@ def reconstruct(
 ) -> Reconstruction:
     """Solve (3.5) (collective).
 
-    z >= 0 with x_j = z_j/|z_j| makes (3.5) bound-constrained; a few sweeps over the events come first.
+    A few sweeps over the events come first; where events are strongly coupled they slow down, and TAO goes on with z >= 0
+    and x_j = z_j/|z_j|, which makes (3.5) bound-constrained.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ def reconstruct(
     gap : float
         Largest relative gap, proven by `Energy.gap`, at which to stop.
     sweeps : int
-        Rounds of `Energy.sweep` before TAO.
+        Rounds of `Energy.sweep` before TAO, and as many again as long as they divide the gap by `WORTHWHILE`.
     start : (S,), optional
         Weights to begin with; equal ones otherwise.
     monitor : callable, optional
@@ -109,10 +111,9 @@ def reconstruct(
     """
     began = time.perf_counter()
     energy = Energy(slots)
-    x = slots.uniform() if start is None else start
-    x = _lifted(energy, energy.sweep(x, sweeps) if sweeps else x)
     solver = _Solver(energy, gap, monitor)
     try:
+        x = solver.sweep(_lifted(energy, slots.uniform() if start is None else start), sweeps)
         for attempt in range(ATTEMPTS):
             if attempt:
                 x = energy.sweep(x, 20)
@@ -156,21 +157,26 @@ class _Solver:
     def __init__(self, energy: Energy, wanted: float, monitor: Callable[[dict[str, float]], None] | None) -> None:
         self.energy, self.slots, self.wanted, self.monitor = energy, energy.slots, wanted, monitor
         self.value = self.gap = 0.0
-        self.iterations, self.reason = 0, "CONVERGED_USER"
+        self.iterations, self.reason = 0, "CONVERGED_USER"  # TAO is not needed where sweeps do
         self.certified = False
         self._before = 0  # iterations of earlier attempts
         self._point: NDArray | None = None  # where x, g and the rest belong to
-        comm, n = energy.slots.comm, len(energy.slots)
-        self._vectors = [PETSc.Vec().createMPI((n, PETSc.DECIDE), comm=comm) for _ in range(4)]
-        z, gradient, low, high = self._vectors
+        self._tao: PETSc.TAO | None = None
+        self._used: list[PETSc.Object] = []
+        self._held = False
+        self._radius = self._stiffness = np.zeros(energy.slots.count)
+
+    def _create(self) -> PETSc.TAO:
+        comm, n = self.slots.comm, len(self.slots)
+        z, gradient, low, high = (PETSc.Vec().createMPI((n, PETSc.DECIDE), comm=comm) for _ in range(4))
         high.set(PETSc.INFINITY)
-        self._tao = tao = PETSc.TAO().create(comm)
+        tao = PETSc.TAO().create(comm)
         tao.setOptionsPrefix(PREFIX)
         tao.setObjectiveGradient(self._objective_gradient, gradient)
-        self._matrix = PETSc.Mat().createPython(((n, PETSc.DECIDE), (n, PETSc.DECIDE)), _Hessian(self), comm=comm)
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        self._matrix.setUp()
-        tao.setHessian(self._hessian, self._matrix)
+        matrix = PETSc.Mat().createPython(((n, PETSc.DECIDE), (n, PETSc.DECIDE)), _Hessian(self), comm=comm)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        matrix.setUp()
+        tao.setHessian(self._hessian, matrix)
         tao.setVariableBounds((low, high))
         tao.setSolution(z)
         tao.setConvergenceTest(self._test)
@@ -178,12 +184,24 @@ class _Solver:
             tao.setFromOptions()
         # |z_j| is free: a Newton step needs it held, by ½ |g_j| ln²(|z_j|/ρ_j)
         self._held = tao.getType() in NEWTON
-        self._radius = self._stiffness = np.zeros(energy.slots.count)
+        self._used = [tao, matrix, z, gradient, low, high]
+        return tao
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        for used in (self._tao, self._matrix, *self._vectors):
+        for used in self._used:
             used.destroy()
+
+    def sweep(self, x: NDArray, times: int) -> NDArray:
+        """Rounds over the events from x, as long as they are worth it."""
+        before = np.inf
+        while times and not self.certified:
+            x = _lifted(self.energy, self.energy.sweep(x, times))
+            self._certify(x, self.energy.gradient(x))
+            if self.gap > before / WORTHWHILE:
+                break
+            before = self.gap
+        return x
 
     def solve(self, x: NDArray) -> NDArray:
         """Go on from x; returns the weights reached."""
@@ -196,13 +214,14 @@ class _Solver:
         size = np.sqrt(s.columns(g, g))
         # scaled so, a column's curvature is about 1 (its own energy over its length squared)
         self._radius, self._stiffness = np.sqrt(size), size
-        z = self._vectors[0]
+        tao = self._tao = self._tao or self._create()
+        z = tao.getSolution()
         z.array[:] = x * np.repeat(self._radius, np.diff(s.start))
         self._next = (np.inf, 0)
-        self._tao.solve()
-        self.iterations = self._before = self._before + self._tao.getIterationNumber()
+        tao.solve()
+        self.iterations = self._before = self._before + tao.getIterationNumber()
         reasons = {number: name for name, number in vars(PETSc.TAO.Reason).items() if name[0] in "CD"}
-        self.reason = reasons.get(int(self._tao.getConvergedReason()), "DIVERGED")
+        self.reason = reasons.get(int(tao.getConvergedReason()), "DIVERGED")
         self._evaluate(z.array_r)
         x = _lifted(self.energy, self.x)
         self._certify(x, self.energy.gradient(x))
@@ -249,6 +268,7 @@ class _Solver:
 
     def _hessian(self, tao: PETSc.TAO, z: PETSc.Vec, matrix: PETSc.Mat, preconditioner: PETSc.Mat) -> None:
         self._evaluate(z.array_r)
+        matrix.getPythonContext().added = 0.0
         matrix.assemble()
 
     def product(self, v: NDArray) -> NDArray:
@@ -302,6 +322,11 @@ class _Hessian:
 
     def __init__(self, solver: _Solver) -> None:
         self._solver = solver
+        self.added = 0.0  # times the identity
 
     def mult(self, matrix: PETSc.Mat, v: PETSc.Vec, out: PETSc.Vec) -> None:
-        out.array[:] = self._solver.product(v.array_r)
+        out.array[:] = self._solver.product(v.array_r) + self.added * v.array_r
+
+    def shift(self, matrix: PETSc.Mat, a: float) -> None:
+        """What bnls does to a Hessian that is not positive."""
+        self.added += a

@@ -97,9 +97,9 @@ def test_theorem_331_the_energy_is_concave_in_the_squares_of_the_weights():
 def test_every_bound_constrained_solver_of_tao_reaches_the_same_maximum(kind, option):
     option("hawkes_tao_type", kind)
     slots = build(SELF, (net := network(8, seed=5), events(net, 300, 0.7)))
-    found = reconstruct(slots, gap=1e-11)
+    found = reconstruct(slots, gap=1e-11, sweeps=0)
     best = Energy(slots).sweep(slots.uniform(), 1000)
-    assert found.relative_gap <= 1e-11
+    assert found.iterations > 0 and found.relative_gap <= 1e-11
     assert found.energy == pytest.approx(Energy(slots).value(best), rel=1e-10)
 
 
@@ -135,12 +135,12 @@ def test_the_same_answer_on_any_number_of_ranks(kind, option):
     option("hawkes_tao_type", kind)
     problem = (net := network(9, seed=7), events(net, 500, 0.6, both=0.1))
     shared, alone = build(WORLD, problem), build(SELF, problem)
-    together, by_itself = reconstruct(shared), reconstruct(alone)
+    together, by_itself = (reconstruct(slots, sweeps=1, gap=1e-10) for slots in (shared, alone))
     weights = shared.gather(together.weights)
     if weights is not None:
         assert np.abs(weights - by_itself.weights).max() < 1e-10
     assert together.energy == pytest.approx(by_itself.energy, rel=1e-12)
-    assert together.iterations == by_itself.iterations
+    assert together.iterations == by_itself.iterations > 0
 
 
 @settings(max_examples=40, deadline=None)
@@ -165,6 +165,12 @@ def test_agents_may_be_numbered_otherwise():
     assert again.energy == pytest.approx(found.energy, rel=1e-12)
 
 
+def test_sweeps_alone_do_where_events_are_loosely_coupled():
+    slots = build(SELF, (net := network(6, seed=9), events(net, 200, 0.1)))
+    found = reconstruct(slots)
+    assert found.iterations == 0 and found.relative_gap <= 1e-8
+
+
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_event_and_one_event(count):
     net = network(4)
@@ -182,6 +188,6 @@ def test_a_gap_out_of_reach_is_told(option):
 def test_the_monitor_sees_every_iteration():
     rows = []
     slots = build(SELF, (net := network(8, seed=5), events(net, 300, 0.7)))
-    found = reconstruct(slots, gap=1e-10, sweeps=1, monitor=rows.append)
+    found = reconstruct(slots, gap=1e-10, sweeps=0, monitor=rows.append)
     assert [row["iteration"] for row in rows] == list(range(found.iterations + 1))
     assert rows[-1]["energy"] == pytest.approx(found.energy, rel=1e-12) and rows[-1]["gap"] == found.gap
