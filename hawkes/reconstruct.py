@@ -85,8 +85,8 @@ def reconstruct(
 ) -> Reconstruction:
     """Solve (3.5) (collective).
 
-    A few sweeps over the events come first; where events are strongly coupled they slow down, and TAO goes on with z >= 0
-    and x_j = z_j/|z_j|, which makes (3.5) bound-constrained.
+    A few sweeps over the events come first; where events are strongly coupled they slow down, and TAO goes on with
+    z >= 0 and x_j = z_j/|z_j|, which makes (3.5) bound-constrained.
 
     Parameters
     ----------
