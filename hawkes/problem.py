@@ -18,7 +18,7 @@ from .events import Events, Network
 from .gibbs import gibbs
 from .meanfield import mean_field, of_all, of_incomplete
 from .normalised import normalised
-from .reconstruct import ReconstructionError, reconstruct
+from .reconstruct import ReconstructionError, check_options, reconstruct
 from .relaxations import Hybrid, Power, relax
 from .slots import Slots
 
@@ -94,6 +94,7 @@ class HawkesProblem:
         estimation: Estimation | None = None,
         rounds: int = 0,
     ) -> None:
+        check_options()
         self.comm, self.network, self.events, self.method = comm, network, events, method
         self.estimation, self.rounds = estimation, rounds
         if estimation is not None:

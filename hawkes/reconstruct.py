@@ -15,6 +15,7 @@ from extremal.native.options import defaults
 
 from . import kernel
 from .energy import Energy
+from .events import DataError
 from .slots import Slots
 
 PREFIX = "hawkes_"
@@ -25,6 +26,7 @@ DEFAULTS = {
     "pc_type": "none",
     "tao_bnk_pc_type": "none",
 }
+BOUNDED = ("blmvm", "bncg", "bqnls", "bqnkls", "bqnktl", "bqnktr", "tron", "bnls", "bntl", "bntr")
 NEWTON = ("tron", "bntr", "bntl", "bnls")
 ATTEMPTS = 3  # of TAO, after sweeps that take it away from where it gave up
 WORTHWHILE = 10.0
@@ -41,6 +43,13 @@ class ReconstructionError(ArithmeticError):
     """
 
     reached: Reconstruction
+
+
+def check_options() -> None:
+    """Raise DataError if the options ask for a type of TAO that cannot keep weights from falling below 0."""
+    kind = PETSc.Options(PREFIX).getString("tao_type", str(DEFAULTS["tao_type"]))
+    if kind not in BOUNDED:
+        raise DataError(f"-{PREFIX}tao_type {kind}: must be one of {', '.join(BOUNDED)}, which keep bounds")
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from extremal.hawkes.energy import Energy
-from extremal.hawkes.events import Events, Network
-from extremal.hawkes.reconstruct import ReconstructionError, reconstruct
+from extremal.hawkes.events import DataError, Events, Network
+from extremal.hawkes.reconstruct import ReconstructionError, check_options, reconstruct
 
 WORLD, SELF = MPI.COMM_WORLD, MPI.COMM_SELF
 
@@ -93,7 +93,15 @@ def test_theorem_331_the_energy_is_concave_in_the_squares_of_the_weights():
         assert between >= t * energy.value(np.sqrt(a)) + (1 - t) * energy.value(np.sqrt(b))
 
 
-@pytest.mark.parametrize("kind", ["blmvm", "tron", "bncg", "bqnls", "bntr", "bnls"])
+def test_a_solver_without_bounds_is_refused(option):
+    option("hawkes_tao_type", "owlqn")
+    with pytest.raises(DataError, match="-hawkes_tao_type owlqn: must be one of blmvm, .* which keep bounds"):
+        check_options()
+
+
+@pytest.mark.parametrize(
+    "kind", ["blmvm", "tron", "bncg", "bqnls", "bqnkls", "bqnktr", "bqnktl", "bntr", "bntl", "bnls"]
+)
 def test_every_bound_constrained_solver_of_tao_reaches_the_same_maximum(kind, option):
     option("hawkes_tao_type", kind)
     slots = build(SELF, (net := network(8, seed=5), events(net, 300, 0.7)))
