@@ -67,7 +67,8 @@ studies: setup
 # finished points are kept: an interrupted `make studies-long` goes on where it was. What `recommend` ships is renewed.
 studies-long: setup bench
 	for sweep in $(sweeps); do $(study) $$sweep || exit 1; done
-	for name in $(notdir $(basename $(sweeps))); do cp results/studies/$$name/study.json app/studies/fronts/$$name.json; done
+	for sweep in $(sweeps); do name=$$(basename $$sweep .toml | tr _ -); \
+	    cp results/studies/$$name/study.json app/studies/fronts/$$name.json || exit 1; done
 	for name in contour locking recovery snow-effects snow-iterations solvers table-3.1 table-3.2 hawkes-accuracy \
 	    figure-3.3; do $(study) $$name || exit 1; done
 

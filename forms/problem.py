@@ -107,7 +107,7 @@ class ElasticProblem:
         d = self.space.dimension
         volume = self.comm.allreduce(float(self.equations.weights.sum()))
         self.tolerance = tolerance * self.laws.stiffness_scale() * volume ** ((d - 1) / d)
-        self._unknown = self.equations.vector.duplicate()
+        self._unknown, self.size = self.equations.vector.duplicate(), self.equations.vector.getSize()
         self._newton: Newton | None = None
         self._figures = Figures()
         self._continuation = event("continuation") if stages else None
@@ -125,11 +125,6 @@ class ElasticProblem:
             "continuation": bool(stages),
         }
         self.effects: dict[str, dict[str, Any]] = {name: {} for name, there in present.items() if there}
-
-    @property
-    def size(self) -> int:
-        """Degrees of freedom, held ones among them."""
-        return int(self.equations.vector.getSize())
 
     @property
     def is_dynamic(self) -> bool:

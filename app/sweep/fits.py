@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CONFIDENCE = 0.95
+NOTICEABLE = 0.99  # an error larger than this part of another is no better than it
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def power_law(x: Sequence[float], y: Sequence[float]) -> Fit | None:
 
 
 def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Positions of the points to which no other is at least as cheap and as accurate, cheapest first.
+    """Positions of the points to which no other is at least as cheap and as accurate, to one per cent; cheapest first.
 
     Examples
     --------
@@ -70,7 +71,7 @@ def front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     """
     best, out = math.inf, []
     for k in sorted(range(len(costs)), key=lambda k: (costs[k], errors[k])):
-        if errors[k] < best:
+        if errors[k] < NOTICEABLE * best:
             best = errors[k]
             out.append(k)
     return out

@@ -113,7 +113,7 @@ class Sweep(Table):
     @property
     def name(self) -> str:
         """What pictures and folders are called by."""
-        return self._path.stem
+        return self._path.stem.replace("_", "-")
 
     @property
     def subject(self) -> str:

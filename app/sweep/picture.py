@@ -73,8 +73,9 @@ def _converge(axes: Any, study: Mapping[str, Any], name: str, rows: list[Any], s
     if fit is not None:
         ends = np.array([min(x), max(x)], dtype=float)
         axes.loglog(ends, fit["level"] * ends ** fit["slope"], "--", color=style["color"], lw=0.8)
+        end = (ends[1], fit["level"] * ends[1] ** fit["slope"])
         axes.annotate(
-            f"{fit['slope']:.2f}", (ends[1], fit["level"] * ends[1] ** fit["slope"]), fontsize=8, color=style["color"]
+            f"{fit['slope']:.2f}", end, xytext=(-12, 7), textcoords="offset points", fontsize=8, color=style["color"]
         )
     axes.set(xlabel=label, ylabel="error", title="convergence, with fitted slopes")
 

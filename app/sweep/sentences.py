@@ -8,7 +8,6 @@ from typing import Any
 from .points import plain
 
 TARGETS = (0.1, 0.01, 0.001)  # errors of interest
-UNSURE = 1.5  # digits by which the slope's confidence may span before it is called unclear
 
 
 def sentences(study: Mapping[str, Any]) -> list[str]:
@@ -29,21 +28,25 @@ def halving(fit: Mapping[str, Any] | None) -> str:
     if fit["low"] is None:
         if fit["slope"] >= 0:
             return "time and error have no clear relation (two points)"
-        return f"halving the error costs {factor:.2g}x the time (two points: nothing is known of its confidence)"
-    if fit["high"] >= 0 or fit["high"] - fit["low"] > UNSURE:
+        return f"halving the error costs {_times(factor)} the time (two points: nothing is known of its confidence)"
+    if fit["high"] >= 0:
         return f"time and error have no clear relation ({fit['count']} points)"
     low, high = 2 ** -fit["high"], 2 ** -fit["low"]
     return (
-        f"halving the error costs {factor:.2g}x the time (95% confidence: {low:.2g}x to {high:.2g}x, "
+        f"halving the error costs {_times(factor)} the time (95% confidence: {_times(low)} to {_times(high)}, "
         f"{fit['count']} points)"
     )
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.2g}x" if factor >= 1.95 else f"{factor:.3g}x"
 
 
 def _cheapest(study: Mapping[str, Any]) -> Iterator[str]:
     done = sorted((row for row in study["points"] if "error" in row), key=lambda row: (row["seconds"], row["error"]))
     if not done:
         return
-    best = min(done, key=lambda row: row["error"])
+    best = min((row for row in done if row.get("front")), key=lambda row: row["error"])
     said: dict[int, tuple[float, Mapping[str, Any]]] = {}
     for target in TARGETS:
         found = next((row for row in done if row["error"] <= target), None)
