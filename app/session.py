@@ -188,12 +188,13 @@ class _Session:
     def _shorten(self, dt: float, error: ArithmeticError) -> None:
         """Choose a shorter step after a failed one of length `dt`, or end the run."""
         words = str(error).splitlines() or [type(error).__name__]
-        attempt = f"step {self.counts.step + 1}: dt {dt:.3g}"
+        step = f"step {self.counts.step + 1}"
+        attempt = f"{step}: dt {dt:.3g}"
         wanted = getattr(error, "wanted_step", None)
         if not self.step_size.rejected(dt, wanted):
             which = "the smallest step" if self.step_size.adaptive else "the fixed step"
-            which = "a shorter one would not help" if wanted == math.inf else which
-            raise _Ended("failed", f"{attempt} ({which}): {words[0]}") from error
+            where = step if wanted == math.inf else f"{attempt} ({which})"  # no length would help
+            raise _Ended("failed", f"{where}: {words[0]}") from error
         self.output.note(f"{attempt} failed ({words[0]}); trying {self.step_size.dt:.3g}")
 
     def _look(self, dt: float, cutbacks: int) -> None:

@@ -315,6 +315,13 @@ def test_what_cannot_be_done_is_said_in_a_line(
     assert message in err and err.count("\n") == 1
 
 
+def test_a_solver_that_does_not_fit_is_refused(tmp_path: Path, launch: Launch) -> None:
+    scene = write(tmp_path, SIMULATED | {"petsc": {"hawkes_tao_type": "brgn"}})
+    done = launch(0, "-m", "extremal.app", "hawkes", scene, "-o", tmp_path / "r")
+    assert done.returncode == 2
+    assert "-hawkes_tao_type brgn: must be a solver for bounds on the variables: blmvm, tron" in done.stderr
+
+
 HARD = {
     "one event": ("A,B,1,.5,1", "1,,", "", 0, ""),
     "all pairs silent": ("A,B,0,0,1", "1,A,", "", 0, ""),
