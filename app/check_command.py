@@ -20,25 +20,37 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Declare the arguments of `extremal check`."""
     parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files (TOML)")
+    parser.add_argument("--cost", action="store_true", help="say what they will take, to a factor of three")
 
 
 def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
     """Print a line for each good scene and raise InputError with a line for each error of all scenes."""
-    on_root(comm, lambda: _check(args.scenes))
+    on_root(comm, lambda: _check(args.scenes, args.cost))
     return EXIT_FINISHED
 
 
-def _check(paths: Sequence[str]) -> None:
+def _check(paths: Sequence[str], with_cost: bool) -> None:
     errors: list[str] = []
     for path in paths:
         try:
-            words = summary(read_scene(path))
+            scene = read_scene(path)
+            words = summary(scene)
+            # it makes the mesh, and so finds what only the mesh can tell
+            cost = _cost(scene) if with_cost else ""
         except InputError as error:
             errors += error.messages
         else:
             print(f"{path}: good: {words}", flush=True)
+            if cost:
+                print(f"{path}: {cost}", flush=True)
     if errors:
         raise InputError(*errors)
+
+
+def _cost(scene: Any) -> str:
+    from .cost import estimate
+
+    return str(estimate(scene))
 
 
 def summary(scene: Any) -> str:

@@ -53,13 +53,14 @@ def build(scene: ElasticScene, comm: MPI.Comm) -> forms.ElasticProblem:
 
 
 def _read(scene: ElasticScene, kept: list[meshes.MeshData]) -> int:
-    data = _mesh(scene)
+    data = mesh_of(scene)
     check_on_mesh(scene, data.boundary_names, data.region_names, data.dimension)
     kept.append(data)
     return data.dimension
 
 
-def _mesh(scene: ElasticScene) -> meshes.MeshData:
+def mesh_of(scene: ElasticScene) -> meshes.MeshData:
+    """The mesh of a scene, made or read (not collective); raises InputError."""
     try:
         if scene.mesh_file is not None:
             order = scene.mesh.order if "order" in scene.mesh.model_fields_set else None

@@ -106,6 +106,8 @@ def read_scene(path: str | Path) -> Any:
 def read_toml(path: Path) -> dict[str, Any]:
     """Return what a TOML file says; raises InputError with line and column of a syntax error."""
     try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise InputError(f"{path}: is no file; give a scene file")
         if path.is_file() and path.stat().st_size > LARGEST_FILE:
             raise InputError(f"{path}: has {path.stat().st_size} bytes; a scene has at most {LARGEST_FILE}")
         text = path.read_bytes().decode("utf-8")

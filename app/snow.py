@@ -78,7 +78,7 @@ def particles(scene: SnowScene, comm: MPI.Comm) -> Particles:
 
 def _seeded(scene: SnowScene, i: int, body: snow_shapes.Body, comm: MPI.Comm) -> Particles:
     h, d = scene.cell_size, scene.dimension
-    shape = _made(scene, "body", i, lambda: shape_of(scene, body))
+    shape = body_shape(scene, i)
     x = _made(scene, "body", i, lambda: seed(shape, h, body.per_cell, body.seed, (comm.rank, comm.size)))
     mass = np.full(len(x), scene.material_of(body).density * h**d / body.per_cell)
     stiffness = np.ones(len(x))
@@ -93,6 +93,12 @@ def _seeded(scene: SnowScene, i: int, body: snow_shapes.Body, comm: MPI.Comm) ->
     if scene.grid.volumes == "seeded":
         made.volume[:] = h**d / body.per_cell
     return made
+
+
+def body_shape(scene: SnowScene, i: int) -> Shape:
+    """The region that a body fills; raises InputError."""
+    shape: Shape = _made(scene, "body", i, lambda: shape_of(scene, scene.body[i]))
+    return shape
 
 
 def _velocity(body: snow_shapes.Body, shape: Shape, x: NDArray) -> NDArray:

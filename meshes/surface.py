@@ -65,6 +65,9 @@ def fill(points: Points, faces: Faces, name: str, cell_size: float | None, order
     with session() as gmsh:
         gmsh.option.setNumber("Mesh.MeshSizeMin", 0 if cell_size is None else h)
         gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22 if cell_size is None else h)
+        if cell_size is not None and _has_lonely_triangle(points, faces):
+            points, faces = _quartered(points, faces)
+            part = np.tile(part, 4)
         shells = _discrete(gmsh, points, faces, part)
         if cell_size is not None:
             shells = _reparametrised(gmsh, points, faces, part, name)
@@ -223,6 +226,29 @@ def _discrete(gmsh: Any, points: Points, faces: Faces, part: NDArray[np.int64]) 
         gmsh.model.mesh.addElementsByType(tag, 2, [], own.ravel() + 1)
         shells.append([tag])
     return shells
+
+
+def _has_lonely_triangle(points: Points, faces: Faces) -> bool:
+    """Whether creases go all round some triangle: gmsh never comes to an end with such a patch."""
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    _, number = _edges(faces)
+    first, second = np.argsort(number, kind="stable").reshape(-1, 2).T % len(faces)
+    smooth = np.einsum("ij,ij->i", normals[first], normals[second]) > math.cos(CREASE)
+    together = np.bincount(np.concatenate([first[smooth], second[smooth]]), minlength=len(faces))
+    return bool((together == 0).any())
+
+
+def _quartered(points: Points, faces: Faces) -> tuple[Points, Faces]:
+    """Each triangle cut into four at the middles of its edges; the k-th quarters of all stand together."""
+    edges, number = _edges(faces)
+    _, one = np.unique(number, return_index=True)
+    middle = len(points) + np.unique(number, return_inverse=True)[1].reshape(3, -1)
+    (a, b, c), (ab, bc, ca) = faces.T, middle
+    quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    faces = np.concatenate([np.column_stack(quarter) for quarter in quarters])
+    return np.concatenate([points, points[edges[one]].mean(axis=1)]), faces
 
 
 def _reparametrised(

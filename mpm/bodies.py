@@ -30,6 +30,7 @@ __all__ = [
     "shell_profile",
 ]
 
+LARGEST = 2_000_000_000  # cells of the box round a body: more take days to look through
 AT_ONCE = 1 << 16  # cells per pass: what a pass needs stays below about 100 MB
 
 
@@ -68,6 +69,9 @@ def seed(region: Region, cell_size: float, per_cell: int, seed: int = 0, part: t
     low, high = (np.asarray(corner, dtype=float) for corner in region.bounds())
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise BodyError("body: an unbounded region (half_space) cannot be filled; take a box")
+    expected = float(np.prod((high - low) / h + 1))
+    if not expected < LARGEST or not (np.maximum(np.abs(low), np.abs(high)) / h < 2.0**52).all():
+        raise BodyError(f"body: would be cut into {expected:.1e} cells of {h:g} m; accepted are at most {LARGEST:.0e}")
     first = np.floor(low / h).astype(np.int64)
     counts = np.maximum(np.floor(high / h).astype(np.int64) + 1 - first, 0)
     total, (share, shares) = int(np.prod(counts)), part

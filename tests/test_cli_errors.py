@@ -82,10 +82,10 @@ CASES = [
     ),
     ("check", "check: SCENE is missing"),
     ("check nothing.toml", "nothing.toml: no such file"),
-    ("check scene.toml --quiet", "--quiet: unknown option; known: --help"),
+    ("check scene.toml --quiet", "--quiet: unknown option; known: --help, --cost"),
     (
         "check scene.toml -elastic_snes_monitor",
-        "-elastic_snes_monitor: unknown option; known: --help (check runs no PETSc solver)",
+        "-elastic_snes_monitor: unknown option; known: --help, --cost (check runs no PETSc solver)",
     ),
     ("mesh", f"mesh: SOURCE is missing; give a mesh file first, or a shape: {KNOWN}"),
     ("mesh bxo", "mesh: bxo: unknown shape; did you mean box?"),
