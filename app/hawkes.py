@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     from .hawkes_scene import HawkesScene
 
-# TAO's solvers for bounds and no other constraints
-TAO_TYPES = ("blmvm", "tron", "bncg", "bqnls", "bqnkls", "bqnktr", "bqnktl", "bnls", "bntr", "bntl")
-
 
 class NetworkRun(HawkesProblem):
     """A problem on data of a person: knows names, lines and, if simulated, the truth.
@@ -104,12 +101,8 @@ def build(scene: HawkesScene, comm: MPI.Comm) -> NetworkRun:
     Raises
     ------
     InputError
-        On all ranks, about the line of a table, a simulation that cannot be made, or a solver that does not fit.
+        On all ranks, about the line of a table, or about a simulation that cannot be made.
     """
-    solver = PETSc.Options("hawkes_").getString("tao_type", TAO_TYPES[0])
-    if solver not in TAO_TYPES:  # some of TAO's others end in a crash
-        known = ", ".join(TAO_TYPES)
-        raise InputError(f"-hawkes_tao_type {solver}: must be a solver for bounds on the variables: {known}")
     record.start_log()  # reading and simulating cost time, too
     if scene.simulation is None:
         with PETSc.Log.Event("hawkes:data"):

@@ -207,7 +207,7 @@ class _Solver:
         while times and not self.certified:
             x = _lifted(self.energy, self.energy.sweep(x, times))
             self._certify(x, self.energy.gradient(x))
-            if self.gap > before / WORTHWHILE:
+            if not self.gap < before / WORTHWHILE:  # nor where numbers have overflown
                 break
             before = self.gap
         return x
