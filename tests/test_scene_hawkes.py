@@ -142,7 +142,7 @@ def test_check_reports_errors_in_the_tables(full: HawkesScene, capsys: pytest.Ca
 
 def test_checking_networks_loads_no_heavy_library(full: HawkesScene) -> None:
     program = (
-        "import json, sys; from extremal.app import check_command; check_command._check(sys.argv[1:]);"
+        "import json, sys; from extremal.app import cli; assert cli.main(['check', sys.argv[1]]) == 0;"
         "print(json.dumps(sorted({m.split('.')[0] for m in sys.modules})))"
     )
     words = [sys.executable, "-c", program, str(full.path)]
