@@ -8,6 +8,7 @@ crash on damaged input.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,21 +82,22 @@ def save(
     OutputError
         If the file cannot be written; the earlier checkpoints still stand.
     """
+    # made in memory: HDF5 that finds the disk full complains in many lines, and once more when it is let go
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=BLOCK) as file:
+        file.attrs["format"] = FORMAT
+        text = json.dumps({**facts, "arrays": list(state)})
+        file["facts"] = np.frombuffer(text.encode(), np.uint8)
+        if geometry is not None:
+            file["mesh/points"], file["mesh/cells"], file["mesh"].attrs["cell_type"] = geometry
+        group = file.create_group("state")
+        for name, values in state.items():
+            group[name] = values
+    whole = buffer.getbuffer()
+    digest = hashlib.sha256(whole[BLOCK:]).hexdigest()
+    whole[:BLOCK] = (MARK + digest.encode()).ljust(BLOCK, b"\n")
     with atomic(path) as partial:
-        with h5py.File(partial, "w", userblock_size=BLOCK) as file:
-            file.attrs["format"] = FORMAT
-            text = json.dumps({**facts, "arrays": list(state)})
-            file["facts"] = np.frombuffer(text.encode(), np.uint8)
-            if geometry is not None:
-                file["mesh/points"], file["mesh/cells"], file["mesh"].attrs["cell_type"] = geometry
-            group = file.create_group("state")
-            for name, values in state.items():
-                group[name] = values
-        with open(partial, "r+b") as raw:
-            raw.seek(BLOCK)
-            digest = hashlib.file_digest(raw, "sha256").hexdigest()
-            raw.seek(0)
-            raw.write((MARK + digest.encode()).ljust(BLOCK, b"\n"))
+        partial.write_bytes(whole)
     for old in list_checkpoints(path.parent.parent)[KEPT:]:
         old.unlink(missing_ok=True)
 

@@ -156,10 +156,10 @@ def layout(count: int, pairs: NDArray[Any]) -> NDArray[Any]:
     circle = np.column_stack([np.cos(angle), np.sin(angle)])
     if count > LAID_OUT or count < 3 or len(pairs) == count * (count - 1) // 2:
         return circle
-    from scipy.sparse import coo_matrix
+    from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import shortest_path
 
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    graph = csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
     wanted = shortest_path(graph, directed=False, unweighted=True)
     far = float(wanted[np.isfinite(wanted)].max()) + 1
     wanted[~np.isfinite(wanted)] = far  # parts without a connection

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import pickle
 import sys
 import time
@@ -122,6 +123,8 @@ def _explain(error: Exception, program: str) -> tuple[str, int]:
         return "\n".join(f"{program}: {line}" for line in error.messages), error.exit_code
     if isinstance(error, _input_errors()):
         return f"{program}: {error}", EXIT_INPUT
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return f"{program}: {str(error.filename)[:60]} ...: is too long for the name of a file", EXIT_INPUT
     if isinstance(error, ModuleNotFoundError) and str(error.name).partition(".")[0] in DEBIAN_PACKAGES:
         name = str(error.name).partition(".")[0]
         return f"{program}: {name} is not installed; apt install {DEBIAN_PACKAGES[name]}", EXIT_UNEXPECTED

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -94,9 +95,9 @@ def read_scene(path: str | Path) -> Any:
     scene = validate(read_toml(path), str(path))
     scene._path = path
     missing = [
-        problem_line(str(path), scene._source, where, f"no such file: {file.resolve()}")
+        problem_line(str(path), scene._source, where, f"no such file: {file.absolute()}")
         for where, file in scene.files()
-        if not file.is_file()
+        if not os.path.isfile(file)
     ]
     if missing:
         raise InputError(*missing)

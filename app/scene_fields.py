@@ -12,6 +12,9 @@ from pydantic_core import PydanticCustomError
 SPACE = ("x", "y", "z")
 SPACE_TIME = ("x", "y", "z", "t")
 
+# Powers and products of larger numbers, and of the inverse of smaller ones, leave the range of computers.
+LARGEST = 1e50
+
 # (key, or keys leading to it from the table; what is wrong and what would be accepted)
 Problem = tuple[tuple[str | int, ...], str]
 
@@ -53,6 +56,8 @@ def _number(value: Any) -> Any:
         number = math.inf
     if not math.isfinite(number):
         raise wrong("must be a finite number")
+    if number != 0 and not 1 / LARGEST < abs(number) < LARGEST:
+        raise wrong(f"must be 0 or a number between {1 / LARGEST:g} and {LARGEST:g} in size")
     return number
 
 

@@ -251,7 +251,8 @@ def _shortened(folder: Path) -> list[str] | None:
 
 
 def _ran(words: list[str], code: int, out: str, err: str, folder: Path) -> tuple[str, str]:
-    told = f"{words}\ncode {code}\n{out[-1500:]}{err[-1500:]}\n{(folder / 'scene.toml').read_text(errors='replace')[-1500:]}"
+    scene = (folder / "scene.toml").read_text(errors="replace")[-1500:]
+    told = f"{words}\ncode {code}\n{out[-1500:]}{err[-1500:]}\n{scene}"
     if "Traceback" in out + err:
         return "traceback in a run", told
     if code not in (0, 2, 3):
@@ -262,16 +263,22 @@ def _ran(words: list[str], code: int, out: str, err: str, folder: Path) -> tuple
         if (folder / "out").exists() and any((folder / "out").iterdir()):
             return "half-written", told
         return "refused", ""
-    strange = [name for name, value in _numbers(folder / "out") if not math.isfinite(value)]
+    failed = json.loads((folder / "out" / "run.json").read_text())["status"] == "failed"
+    strange = [name for name, value in _numbers(folder / "out", failed) if not math.isfinite(value)]
     if strange:
-        return "not a number", f"{strange}\n{told}"
-    record = json.loads((folder / "out" / "run.json").read_text())
-    return ("stopped" if record["status"] == "failed" else "ran"), ""
+        return "not a number", f"{strange[:3]}\n{told}"
+    return ("stopped" if failed else "ran"), ""
 
 
-def _numbers(folder: Path) -> Iterator[tuple[str, float]]:
-    """Every number of the tables of a run."""
+def _numbers(folder: Path, failed: bool) -> Iterator[tuple[str, float]]:
+    """Every number of the tables of a run, less those that may be no finite ones.
+
+    Standard errors are infinite where the events say nothing of a parameter; the iterations of a solve that failed show
+    where it did.
+    """
     for path in folder.glob("*.csv"):
+        if path.name == "parameters.csv" or (failed and path.name == "iterations.csv"):
+            continue
         for line in path.read_text().splitlines()[1:]:
             for text in re.split(",", line):
                 with contextlib.suppress(ValueError):

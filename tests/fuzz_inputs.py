@@ -1,4 +1,4 @@
-"""Malformed inputs: valid scenes, tables, meshes and command lines with something wrong, the same for the same number."""
+"""Malformed inputs: valid scenes, tables, meshes and command lines, spoilt; the same for the same number."""
 
 from __future__ import annotations
 
@@ -19,14 +19,19 @@ SEED = 20260801
 SCENES = Path(__file__).resolve().parent.parent / "app" / "scenes"
 
 NUMBERS: tuple[Any, ...] = (
-    0, -0.0, -1, 1, 2, 3, 7, 1e-12, 1e-300, 5e-324, 1e12, 1e300, 1.7976931348623157e308, -1e300, 0.5, 0.999999999, 64, 2**31,
+    0, -0.0, -1, 1, 2, 3, 7, 1e-12, 1e-300, 5e-324, 1e12, 1e300, 1.7976931348623157e308, -1e300, 0.5, 0.999999999,
+    64, 2**31,
     2**63, -(2**63), 10**25, math.nan, math.inf, -math.inf,
 )  # fmt: skip
 TEXTS = (
-    "", " ", "\t", "x", "nothing", "left", "../../etc/passwd", "/dev/zero", "/dev/null", ".", "..", "/", "scene.toml", "a" * 100_000,
-    "é", "日本語", "\u202e", "🧊", "\x00", "\x1b[31m", "\n", "%s%n", "{0}", "nan", "inf", "-1", "1/0", "t/0", "x**x**x**x", "9**9**9**9",
-    "__import__('os').system('true')", "(" * 500, "sin(", "lambda: 0", "x if x else y", "1e999", "log(-1)", "sqrt(x - 2)", "tan(1.5707963)",
-    "t" + "+t" * 5000, "x.real", "[1, 2]", "x == 1", "x < 0.1 and y", "not x", "J", "i1", "true", "١٢", "a\u0301", "$(touch owned)", "; touch owned",
+    "", " ", "\t", "x", "nothing", "left", "../../etc/passwd", "/dev/zero", "/dev/null", ".", "..", "/",
+    "scene.toml", "a" * 100_000,
+    "é", "日本語", "\u202e", "🧊", "\x00", "\x1b[31m", "\n", "%s%n", "{0}", "nan", "inf", "-1", "1/0", "t/0",
+    "x**x**x**x", "9**9**9**9",
+    "__import__('os').system('true')", "(" * 500, "sin(", "lambda: 0", "x if x else y", "1e999", "log(-1)",
+    "sqrt(x - 2)", "tan(1.5707963)",
+    "t" + "+t" * 5000, "x.real", "[1, 2]", "x == 1", "x < 0.1 and y", "not x", "J", "i1", "true", "١٢", "a\u0301",
+    "$(touch owned)", "; touch owned",
 )  # fmt: skip
 OTHERS: tuple[Any, ...] = (
     True,
@@ -45,11 +50,16 @@ OTHERS: tuple[Any, ...] = (
     [1] * 5000,
 )
 WORDS = (
-    "elastic", "snow", "hawkes", "check", "mesh", "render", "study", "--help", "-h", "--version", "--restart", "--overwrite", "--steps",
-    "--quiet", "-o", "--output", "--scale", "--", "-", "---", "--=", "=", "", " ", "*", "scene.toml", "nothing.toml", "out", ".", "full",
-    "/dev/null", "/dev/full", "box", "ball", "--cell-size", "--cell-size=1e-9", "--size", "1,2,3", "nan", "inf", "-1", "0", "1e999", "-1e-3",
-    "-log_view", "-options_file", "-options_left", "-elastic_ksp_type", "-elastic_snes_max_it", "-hawkes_tao_type", "--size", "960x720", "--every",
-    "\udcff", "é", "🧊", "x" * 5000, "%s", "-elastic_snes_monitor", "--dimension", "--order", "--cost", "full/notes.txt", "full/new/deep",
+    "elastic", "snow", "hawkes", "check", "mesh", "render", "study", "--help", "-h", "--version", "--restart",
+    "--overwrite", "--steps",
+    "--quiet", "-o", "--output", "--scale", "--", "-", "---", "--=", "=", "", " ", "*", "scene.toml",
+    "nothing.toml", "out", ".", "full",
+    "/dev/null", "/dev/full", "box", "ball", "--cell-size", "--cell-size=1e-9", "--size", "1,2,3", "nan", "inf",
+    "-1", "0", "1e999", "-1e-3",
+    "-log_view", "-options_file", "-options_left", "-elastic_ksp_type", "-elastic_snes_max_it", "-hawkes_tao_type",
+    "--size", "960x720", "--every",
+    "\udcff", "é", "🧊", "x" * 5000, "%s", "-elastic_snes_monitor", "--dimension", "--order", "--cost",
+    "full/notes.txt", "full/new/deep",
 )  # fmt: skip
 
 
@@ -174,8 +184,10 @@ def _table(pick: random.Random) -> Input:
 
 
 CELLS = (
-    "", " ", "?", "unknown", "nan", "inf", "-inf", "1e999", "-1", "0", "1e300", "1_0", "0x10", "١", '"', '"a', "'", "a,b", "ann", "bob", "ANN", "zoe",
-    "2024-02-30", "2024-01-03", "2024-01-03T10:00+02:00", "0001-01-01", "9999-12-31T23:59:59", "99999-01-01", "2024-W01-1", "10:00", "é", "🧊",
+    "", " ", "?", "unknown", "nan", "inf", "-inf", "1e999", "-1", "0", "1e300", "1_0", "0x10", "١", '"', '"a', "'",
+    "a,b", "ann", "bob", "ANN", "zoe",
+    "2024-02-30", "2024-01-03", "2024-01-03T10:00+02:00", "0001-01-01", "9999-12-31T23:59:59", "99999-01-01",
+    "2024-W01-1", "10:00", "é", "🧊",
     "\x00", "a" * 200_000, "1,5", ";", "\t", "=1+1", "1e-320", "01", "+1", "1.", "1 2",
 )  # fmt: skip
 
