@@ -89,7 +89,7 @@ EFFECTS = (
         "elastic",
         "damping",
         "[damping]",
-        "a product with a damping matrix in each residual",
+        "of stiffness: a product with the last tangent in each residual; of mass: a factor of the inertia's",
         ("forms.equations",),
         ("elastic:damping",),
     ),

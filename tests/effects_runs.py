@@ -1,4 +1,4 @@
-"""Runs a minimal scene of a part, then the scene with one effect more, each in turn: `python tests/effects_runs.py PART`.
+"""Runs a minimal scene of a part, then the scene with one effect more, each in turn: `effects_runs.py PART`.
 
 Prints as JSON, for each run: PETSc's events that ran and how often, the libraries it was the first to load, the effects
 that run.json lists, and the arrays that a state holds.
@@ -54,7 +54,7 @@ WITH: dict[str, dict[str, Tables]] = {
             "material": {"extension": "c2"},
         },
         "inertia": DYNAMIC,
-        "damping": {**DYNAMIC, "damping": {"mass": 1.0}},
+        "damping": {**DYNAMIC, "damping": {"stiffness": 1e-3}},
         "second_degree": {"element": {"degree": 2}},
         "unstructured_mesh": {"mesh": {"structured": False}},
         "custom_law": {"material": {"law": "custom", "energy": "mu/2*(i1 - 3) - mu*log(J) + lam/2*(J-1)**2"}},

@@ -55,7 +55,7 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(
                 alive = process.poll() is None
             else:
                 begin = max([0, *map(checkpoint.step_of, checkpoint.list_checkpoints(folder)[:1])])
-                alive = runs.wait_for_step(process, folder, pick.randint(begin, steps - 1))
+                alive = runs.wait_for_step(process, folder, pick.randint(min(begin, steps - 1), steps - 1))
                 time.sleep(pick.uniform(0, 0.03))
             process.kill()
             process.wait()
@@ -67,7 +67,8 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(
         bitwise += runs.difference(folder, whole[part]) == 0
         finished += 1
     with capsys.disabled():
-        print(f"\n{part}: SIGKILL at {done} moments, {finished} runs ended as the whole one, {bitwise} of them bit by bit")
+        ended = f"{finished} runs ended as the whole one, {bitwise} of them bit by bit"
+        print(f"\n{part}: SIGKILL at {done} moments, {ended}")
 
 
 @pytest.mark.parametrize("part", ["elastic", "hawkes", pytest.param("snow", marks=MANY)])
