@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from fuzz import counted, fuzz
 
+pytestmark = pytest.mark.hard
+
 
 @pytest.mark.parametrize(
     ("numbers", "start"),

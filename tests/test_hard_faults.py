@@ -15,6 +15,7 @@ import pytest
 
 from extremal.app import checkpoint
 
+pytestmark = pytest.mark.hard
 PARTS = tuple(runs.SCENES)
 MANY = pytest.mark.long
 
