@@ -250,6 +250,14 @@ class Equations:
             self._gradient_tilde = np.empty_like(self.laws.gradient)
             self.space.gradient(self._gradient_tilde)
 
+    def rounding(self) -> float:
+        """|F| [N] below which the digits of the positions tell nothing: eps α |M û| of inertia in very short steps."""
+        if self.terms is None:
+            return 0.0
+        self._work.array[:] = self.terms.u_hat[: self.owned]
+        self.mass.mult(self._work, self._product)  # type: ignore[union-attr]
+        return float(np.finfo(float).eps * self.terms.alpha * self._product.norm())
+
     def _damping_stress(self) -> NDArray | None:
         """Stress b γ K:(∇w - ∇ũ) of stiffness damping at the points."""
         if self.terms is None or not self._stiffness_damping or self._damping_event is None:

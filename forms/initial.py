@@ -55,3 +55,10 @@ def mirror(space: Space, axis: str = "x") -> None:
     target = space.positions.copy()
     target[:, k] = (low + high)[k] - target[:, k]
     space.u.x.array[:] = (target - space.positions).ravel()
+
+
+def affine(space: Space, gradient: NDArray) -> None:
+    """Deform the whole body by F = `gradient` (d, d) about the centre of its bounding box."""
+    low, high = _box(space)
+    away = space.positions - (low + high) / 2
+    space.u.x.array[:] = (away @ (np.asarray(gradient) - np.eye(space.dimension)).T).ravel()

@@ -39,7 +39,11 @@ REGIMES: Mapping[str, Mapping[str, object]] = {
     "unsymmetric": {"ksp_type": "gmres", "ksp_gmres_restart": 100, "ksp_max_it": 2000, "pc_type": "pbjacobi"},
 }
 # the energy decides until its last digits are spent; then the residual along the step does
-POLISH: Mapping[str, object] = {"snes_linesearch_type": "cp"}
+POLISH: Mapping[str, object] = {
+    "snes_linesearch_type": "cp",
+    "snes_linesearch_max_it": 5,
+    "snes_linesearch_atol": 0.0,  # F·y below it would pass for convergence however large |F| is
+}
 POLISHED = 1e4  # times the tolerance: the largest residual that is polished
 ROUNDING = 1e-15  # of the energy: a smaller gain is none
 NEARLY_INCOMPRESSIBLE = 0.495  # Poisson's ratio
@@ -195,8 +199,12 @@ class Newton:
             self.on_iteration(iteration, norm)
 
     def solve(self, x: PETSc.Vec, tolerance: float, iterations: int) -> Figures:
-        """Improve `x` until |F| <= `tolerance` [N]; where it does not, the figures' reason is negative."""
+        """Improve `x` until |F| <= `tolerance` [N]; where it does not, the figures' reason is negative.
+
+        A tolerance below what rounding leaves of the inertia is raised to that.
+        """
         total = Figures()
+        tolerance = max(tolerance, self._equations.rounding())
         while True:
             self._choice.restart()
             total = total + self._run(self.snes, x, tolerance, iterations - total.newton)

@@ -134,7 +134,7 @@ class ElasticProblem:
     # ------------------------------------------------------------------ where it starts
 
     def start(self, state: str = "rest", velocity: Callable[[NDArray], NDArray] | None = None, **how: Any) -> None:
-        """Put the body in a state ("rest", "scatter", "collapse", "mirror") and give it a velocity [m/s].
+        """Put the body in a state ("rest", "scatter", "collapse", "mirror", "affine") and give it a velocity [m/s].
 
         `how` goes to the function of that name in `initial`. Prescribed displacements hold from the start.
         """

@@ -9,19 +9,20 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import EXIT_FINISHED, suggestion
 from ..parallel import on_root
+from ._share import share_out
 from ._table import Row, make_folder, read_rows, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-    from extremal.forms import ElasticProblem
+    from extremal.forms import ElasticProblem, Field, Prescribed
     from extremal.meshes import Domain
 
 TOLERANCE, ITERATIONS = 1e-8, 150
@@ -40,6 +41,7 @@ class Model:
     law: str
     extension: str
     stages: tuple[float, ...] = ()  # values of ν solved first
+    exact_tangent: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, table in (("--models", MODELS), ("--starts", STARTS)):
         choices: dict[str, Any] = {**table}
         parser.add_argument(
-            name, metavar="A,B", type=_of(choices), default=[*choices], help="some of: " + ", ".join(choices)
+            name, metavar="A,B", type=some_of(choices), default=[*choices], help="some of: " + ", ".join(choices)
         )
     parser.add_argument("--poisson-ratios", metavar="A,B", type=_ratios, default=[*POISSON_RATIOS], help="below 0.5")
-    parser.add_argument("--seeds", metavar="N", type=_positive(int), default=5, help="random starts (5)")
+    parser.add_argument("--seeds", metavar="N", type=positive(int), default=5, help="random starts (5)")
     parser.add_argument(
-        "--cell-size", metavar="H", type=_positive(float), default=0.1, help="of edges [m] (0.1: 4994 cells)"
+        "--cell-size", metavar="H", type=positive(float), default=0.1, help="of edges [m] (0.1: 4994 cells)"
     )
     parser.add_argument("--quick", action="store_true", help="one seed, two ν, a coarse mesh: half a minute")
 
 
-def _of(table: dict[str, Any]) -> Any:
+def some_of(table: dict[str, Any]) -> Any:
     def read(text: str) -> list[str]:
         for name in text.split(","):
             if name not in table:
@@ -104,7 +106,7 @@ def _ratios(text: str) -> list[float]:
     return values
 
 
-def _positive(kind: type) -> Any:
+def positive(kind: type) -> Any:
     def read(text: str) -> Any:
         value = _number(text)
         if value <= 0 or kind(value) != value:
@@ -161,30 +163,14 @@ def _key(row: Row) -> Case:
 
 
 def _run_all(todo: Sequence[Case], rows: list[Row], cell_size: float, path: Path, comm: MPI.Comm) -> None:
-    """Every rank runs its share; after each of its own rank 0 adds what has arrived to `rows`, `path`."""
+    """Add a row for each of `todo` to `rows` and to `path` on rank 0."""
     if not todo:
         return
-    from mpi4py import MPI
-
-    domain = _domain(cell_size)
-    mine = todo[comm.rank :: comm.size]
-    sent: list[Any] = []
-    for case in mine:
-        row = recover(domain, case, cell_size)
-        if comm.rank > 0:
-            sent.append(comm.isend(row, dest=0))
-            continue
-        _take(row, rows, path, len(todo))
-        while comm.iprobe(source=MPI.ANY_SOURCE):
-            _take(comm.recv(source=MPI.ANY_SOURCE), rows, path, len(todo))
-    if comm.rank == 0:
-        arrived = {_key(row) for row in rows}
-        for _ in [case for case in todo if case not in arrived]:
-            _take(comm.recv(source=MPI.ANY_SOURCE), rows, path, len(todo))
-    MPI.Request.waitall(sent)
+    domain = cube(cell_size)
+    share_out(todo, lambda case: recover(domain, case, cell_size), lambda row: _take(row, rows, path), comm)
 
 
-def _take(row: Row, rows: list[Row], path: Path, wanted: int) -> None:
+def _take(row: Row, rows: list[Row], path: Path) -> None:
     rows.append(row)
     write_rows(path, COLUMNS, rows)
     start, model = STARTS[row["start"]].label, MODELS[row["model"]].label
@@ -192,7 +178,8 @@ def _take(row: Row, rows: list[Row], path: Path, wanted: int) -> None:
     print(f"{words}: {row['outcome']}, {row['newton']} Newton, {row['seconds']} s", flush=True)
 
 
-def _domain(cell_size: float) -> Domain:
+def cube(cell_size: float) -> Domain:
+    """The unit cube on this rank alone."""
     from mpi4py import MPI
 
     from extremal import meshes
@@ -201,58 +188,95 @@ def _domain(cell_size: float) -> Domain:
     return meshes.distribute(MPI.COMM_SELF, data)
 
 
-def problem(domain: Domain, model: Model, poisson_ratio: float) -> ElasticProblem:
-    """The cube of that model at rest, its left face held."""
+def problem(
+    domain: Domain,
+    model: Model,
+    poisson_ratio: float,
+    *,
+    young_modulus: Field = 1.0,
+    prescribed: Sequence[Prescribed] = (),
+    **how: Any,
+) -> ElasticProblem:
+    """The body of that model at rest, its left face held; `prescribed` and `how` go to `ElasticProblem`."""
     from extremal import forms
 
     material = forms.Material(
         forms.law(model.law, 3),
-        {"young_modulus": 1.0, "poisson_ratio": poisson_ratio},
+        {"young_modulus": young_modulus, "poisson_ratio": poisson_ratio},
         extension=model.extension,
     )
     return forms.ElasticProblem(
         domain,
         dict.fromkeys(domain.region_names, material),
-        prescribed=[forms.Prescribed(boundary=("left",), components=(0, 1, 2))],
+        prescribed=[forms.Prescribed(boundary=("left",), components=(0, 1, 2)), *prescribed],
         stages=[forms.Stage(poisson_ratio=ν) for ν in model.stages],
-        tolerance=TOLERANCE,
-        iterations=ITERATIONS,
+        exact_tangent=model.exact_tangent,
+        **{"tolerance": TOLERANCE, "iterations": ITERATIONS, **how},
     )
 
 
-def recover(domain: Domain, case: Case, cell_size: float) -> Row:
-    """One run, and how it ended.
+@dataclass
+class Attempt:
+    """What steps from a start took, and how they ended.
 
-    recovered: rest is reached. untangled: no element is inverted, but the body is not at rest. tangled: some
-    are inverted. failed: no iterate could be judged. `end` is what the solver says: "converged", or why it
-    stopped. Seconds are of this process on its processor, so that other programs do not count.
+    `end` is what the solver says: "converged", or why it stopped; `figures` are those of the last iterate that
+    there was; `moved` is the largest displacement [m], nan unless all steps converged. Seconds are of this process on
+    its processor, so that other programs do not count.
     """
-    from extremal import forms
 
-    model, start, ν, seed = case
-    body = problem(domain, MODELS[model], ν)
-    how = STARTS[start].how | ({"seed": seed} if STARTS[start].random else {})
-    body.start(STARTS[start].state, **how)
-    last: dict[str, float] = {}
-    newton = 0
+    end: str = "converged"
+    newton: int = 0
+    krylov: int = 0
+    seconds: float = 0.0
+    moved: float = float("nan")
+    figures: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def outcome(self) -> str:
+        """recovered: rest is reached. untangled: no element is inverted, but the body is not at rest. tangled: some
+        are inverted. failed: no iterate could be judged."""
+        if not self.figures or self.figures["residual"] != self.figures["residual"]:
+            return "failed"
+        if self.figures["inverted"] > 0:
+            return "tangled"
+        return "recovered" if self.moved < AT_REST else "untangled"
+
+
+def attempt(body: ElasticProblem, steps: Iterable[float] = (1.0,)) -> Attempt:
+    """Take the steps [s] until one fails."""
+    from extremal.forms import StepFailure
+
+    made, newton = Attempt(), 0
 
     def watch(figures: dict[str, float]) -> None:
         nonlocal newton
         newton += figures["iteration"] > 0
-        last.update(figures)
+        made.figures.update(figures, smallest_J=float(body.laws.determinants().min()))
 
     body.on_iteration = watch
     began = time.process_time()
-    end, krylov, moved = "converged", "", float("nan")
     try:
-        report = body.advance(1.0)
-        newton, krylov = int(report["newton_iterations"]), str(int(report["krylov_iterations"]))
-        figures = body.diagnostics()
-        last.update(residual=figures["residual"], inverted=figures["inverted"])
-        moved = figures["max_displacement"]
-    except forms.StepFailure as error:
-        end = str(error).partition(" after ")[0]
-    seconds = time.process_time() - began
+        for dt in steps:
+            newton = 0
+            report = body.advance(dt)
+            made.newton += int(report["newton_iterations"])
+            made.krylov += int(report["krylov_iterations"])
+        made.figures.update(body.diagnostics())
+        made.moved = made.figures["max_displacement"]
+    except StepFailure as error:
+        made.newton += newton
+        made.end = str(error)
+    made.seconds = time.process_time() - began
+    return made
+
+
+def recover(domain: Domain, case: Case, cell_size: float) -> Row:
+    """One run, and how it ended."""
+    model, start, ν, seed = case
+    body = problem(domain, MODELS[model], ν)
+    how = STARTS[start].how | ({"seed": seed} if STARTS[start].random else {})
+    body.start(STARTS[start].state, **how)
+    made = attempt(body)
     body.destroy()
     row = {
         "model": model,
@@ -261,21 +285,13 @@ def recover(domain: Domain, case: Case, cell_size: float) -> Row:
         "seed": seed,
         "cell_size": cell_size,
         "cells": len(domain.original_cells),
-        "outcome": _outcome(last, moved),
-        "newton": newton,
-        "krylov": krylov,
-        "seconds": f"{seconds:.2f}",
-        "inverted": int(last.get("inverted", -1)),
-        "max_displacement": f"{moved:.3g}",
-        "residual": f"{last.get('residual', float('nan')):.3g}",
-        "end": end,
+        "outcome": made.outcome,
+        "newton": made.newton,
+        "krylov": made.krylov if made.end == "converged" else "",
+        "seconds": f"{made.seconds:.2f}",
+        "inverted": int(made.figures.get("inverted", -1)),
+        "max_displacement": f"{made.moved:.3g}",
+        "residual": f"{made.figures.get('residual', float('nan')):.3g}",
+        "end": made.end.partition(" after ")[0],
     }
     return {name: str(value) for name, value in row.items()}
-
-
-def _outcome(last: dict[str, float], moved: float) -> str:
-    if not last or last["residual"] != last["residual"]:
-        return "failed"
-    if last["inverted"] > 0:
-        return "tangled"
-    return "recovered" if moved < AT_REST else "untangled"
