@@ -1,7 +1,8 @@
 # make run      a scattered cube recovers its shape on two ranks; results in results/scattered_cube
 # make test     linters, then the tests serially and on 2 and 3 ranks
 # make studies  what accuracy costs, short forms of all studies; make studies-long: the full ones, which take hours
-# make test-long, test-hard, bench, lint, docs, clean
+# make docs     the site with gallery, guide, theory and reference, in build/docs (needs PyPI once)
+# make test-long, test-hard, bench, lint, clean
 # `run` and `test` first install what is missing (setup.sh). Another scene: make run SCENE=app/scenes/twist.toml RANKS=4
 
 SCENE ?= app/scenes/scattered_cube.toml
@@ -10,7 +11,7 @@ RESULTS ?= results/$(basename $(notdir $(SCENE)))
 # the scene says which command runs it
 PART = $(or $(shell sed -n 's/^part *= *"\([a-z]*\)".*/\1/p' $(SCENE)),elastic)
 
-packages := app forms meshes mpm hawkes native
+packages := app forms meshes mpm hawkes native obstacles
 python := .venv/bin/python
 # $(call peer,NAME,PACKAGES): a neighbour that `make bench` measures beside ours, in a venv of its own
 peer = @[ -e build/peers/$1/ready ] || { /usr/bin/python3 -m venv --clear build/peers/$1 && \
@@ -85,8 +86,10 @@ lint: setup-dev
 
 docs: setup
 	./setup.sh docs
-	$(python) -m pdoc -o build/docs --docformat numpy $(packages:%=extremal.%)
-	@echo "API reference: build/docs/index.html; the guide: README.md and docs/*.md"
+	rm -rf build/api
+	$(python) -m pdoc -o build/api --docformat numpy $(packages:%=extremal.%) "!extremal[.].*[.]_[a-z]"
+	NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --clean
+	@echo "the site: build/docs/index.html"
 
 clean:
 	rm -rf build results .venv *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -137,7 +137,7 @@ def _input_errors() -> tuple[type[Exception], ...]:
     names = {
         "extremal.meshes": "MeshError",
         "extremal.forms.laws": "LawError",
-        "extremal.mpm.shapes": "BodyError",
+        "extremal.obstacles.geometry": "BodyError",
         "extremal.mpm.law": "LawError",
         "extremal.hawkes.events": "DataError",
     }

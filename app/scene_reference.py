@@ -10,11 +10,11 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from .collider_scene import Keys, Shape
 from .elastic_scene import ElasticScene
 from .expression import CONSTANTS, FUNCTIONS
 from .hawkes_scene import HawkesScene
 from .snow_scene import SnowScene
-from .snow_shapes import Keys, Shape
 
 INTRODUCTION = """# Scene files
 

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from .scene_common import Where, expectations, petsc_names
+from .collider_scene import shape_dimension
+from .scene_common import expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .snow_scene import SnowScene
 
-VECTORS = ("low", "high", "center", "translation", "point", "normal", "apex", "velocity")
 PLANE = "does not exist in the plane ([grid] dimension = 2)"
-SPACE_ONLY = ("cylinder", "surface")
-# what has no third dimension in the plane, and must have one in space
-THICK = {"wedge": "length", "text": "thickness"}
 
 
 def cross_checks(scene: SnowScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
@@ -65,33 +62,11 @@ def _sizes(scene: SnowScene) -> Iterator[Problem]:
 
 def _plane_or_space(scene: SnowScene) -> Iterator[Problem]:
     d = scene.dimension
-    vectors: list[tuple[Where, tuple[Any, ...] | None]] = []
-    turns: list[tuple[Where, Any]] = []
     for table in ("body", "collider"):
         for i, entry in enumerate(getattr(scene, table)):
-            vectors += [((table, i, key), getattr(entry, key, None)) for key in VECTORS]
-            turns += [((table, i, key), getattr(entry, key, None)) for key in ("rotation", "spin")]
-            for k, frame in enumerate(getattr(entry, "keyframes", None) or ()):
-                place: Where = (table, i, "keyframes", k)
-                vectors += [((*place, key), getattr(frame, key)) for key in ("translation", "center")]
-                turns.append(((*place, "rotation"), frame.rotation))
-            if d == 2 and entry.shape in SPACE_ONLY:
-                yield (table, i, "shape"), PLANE
-            key = THICK.get(entry.shape, "")
-            if key and (getattr(entry, key) is None) == (d == 3):
-                yield (table, i, key), f"is missing; in space a {entry.shape} has a {key} [m]" if d == 3 else PLANE
-    if scene.gravity is not None:
-        vectors.append((("gravity", "acceleration"), scene.gravity.acceleration))
-    for where, value in vectors:
-        if value is not None and len(value) != d:
-            yield where, f"must have {d} components: the grid is {d}-dimensional"
-    for where, value in turns:
-        if value is None or (d == 3 and isinstance(value, tuple)):
-            continue
-        if d == 2 and (isinstance(value, float) or value[:2] == (0, 0)):
-            continue
-        accepted = "a vector of 3 entries" if d == 3 else "one number, or [0, 0, number]"
-        yield where, f"must be {accepted}: the grid is {d}-dimensional"
+            yield from shape_dimension((table, i), entry, d, "grid", PLANE)
+    if scene.gravity is not None and len(scene.gravity.acceleration) != d:
+        yield ("gravity", "acceleration"), f"must have {d} components: the grid is {d}-dimensional"
 
 
 def _frames(scene: SnowScene) -> Iterator[Problem]:

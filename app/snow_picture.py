@@ -18,7 +18,7 @@ from scipy import ndimage
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from extremal.mpm.colliders import Collider
+    from extremal.obstacles.colliders import Collider
 
 SKY_LOW, SKY_HIGH = np.array([0.17, 0.27, 0.43]), np.array([0.015, 0.03, 0.08])
 SUN, AMBIENT = np.array([1.0, 0.96, 0.88]), np.array([0.30, 0.38, 0.52])

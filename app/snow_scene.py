@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from .collider_scene import Collider
 from .conditions_scene import Gravity
 from .scene_common import Expected, PetscValue, Scene, Where
 from .scene_fields import Boolean, Integer, Number, Positive, Problem, Table, Text
-from .snow_shapes import PLASTIC, Body, Collider, SnowMaterial
+from .snow_shapes import PLASTIC, Body, SnowMaterial
 
 PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "body", "stiffness")
 GRADIENTS = ("elastic_gradient", "plastic_gradient")

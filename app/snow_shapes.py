@@ -1,44 +1,18 @@
-"""[[body]] and [[collider]] of a scene for `extremal snow`: shapes, and what is particular to each."""
+"""[material] and [[body]] of a scene for `extremal snow`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .conditions_scene import Axis, Keyframe
-from .scene_fields import (
-    Boolean,
-    Integer,
-    NotNegative,
-    Number,
-    Positive,
-    Problem,
-    Rotation,
-    Table,
-    Text,
-    Vector,
-    quantity,
-)
+from .collider_scene import SOLIDS, Shape
+from .scene_fields import Integer, NotNegative, Number, Positive, Problem, Rotation, Table, Vector
 
 Law = Literal["snow", "fixed_corotated", "neo_hookean"]
 PLASTIC = ("critical_compression", "critical_stretch", "hardening", "hardening_cap")
-SurfaceHeight = Annotated[float | str, quantity(("x", "y"))]
 Fraction = Annotated[Number, Field(gt=0, lt=1)]
-
-# the keys of each shape: those it needs, those it may have
-Keys = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
-SOLIDS: Keys = {
-    "box": (("low", "high"), ()),
-    "sphere": (("center", "radius"), ()),
-    "cylinder": (("center", "radius", "length"), ("axis",)),
-    "wedge": (("apex", "width", "height"), ("length", "axis")),
-    "text": (("text", "height", "center"), ("thickness",)),
-    "height_field": (("low", "high", "surface"), ()),
-    "surface": (("file",), ("scale", "translation")),
-}
-COLLIDERS: Keys = {**SOLIDS, "half_space": (("point", "normal"), ()), "level_sets": (("file",), ())}
 
 
 class SnowMaterialKeys(Table):
@@ -70,58 +44,6 @@ class SnowMaterial(SnowMaterialKeys):
         for key in PLASTIC:
             if key in self.model_fields_set and self.law != "snow":
                 yield (key,), f'belongs to law = "snow", but law is "{self.law}"'
-
-
-class Shape(Table):
-    """What a body and a collider share: a shape and its keys."""
-
-    KEYS: ClassVar[Keys] = {}
-    COMMON: ClassVar[tuple[str, ...]] = ()
-
-    low: Vector | None = Field(None, description="box, height_field: corner with the smallest coordinates [m]")
-    high: Vector | None = Field(None, description="box, height_field: corner with the largest coordinates [m]")
-    center: Vector | None = Field(None, description="sphere, cylinder, text: middle [m]")
-    radius: Positive | None = Field(None, description="sphere, cylinder: radius [m]")
-    length: Positive | None = Field(None, description="cylinder: along its axis [m]; wedge: along its edge, in space")
-    axis: Axis | None = Field(
-        None, description="cylinder: direction of its axis, default z; wedge: of its edge, default y"
-    )
-    apex: Vector | None = Field(None, description="wedge: middle of its upper edge [m]")
-    width: Positive | None = Field(None, description="wedge: width of its base [m]")
-    height: Positive | None = Field(None, description="wedge: of the edge above its base [m]; text: of all its lines")
-    text: Text | None = Field(None, description="text: the words, upright, read along x")
-    thickness: Positive | None = Field(None, description="text: thickness along y [m]; in space")
-    surface: SurfaceHeight | None = Field(
-        None, description="height_field: height of its top [m], expression of x, y; in the plane of x"
-    )
-    file: Text | None = Field(
-        None, description="surface: closed surface mesh (STL, OBJ, PLY); level_sets: arrays (NPZ); beside the scene"
-    )
-    scale: Positive = Field(1.0, description="surface: factor of the file's lengths [1]")
-    translation: Vector | None = Field(None, description="surface: moved by this after scaling [m]")
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield keys of other shapes, what the shape lacks, and corners in the wrong order."""
-        shape = self.shape  # type: ignore[attr-defined]
-        needed, optional = self.KEYS[shape]
-        for key in type(self).model_fields:
-            if key in self.model_fields_set and key not in (*needed, *optional, *self.COMMON):
-                owners = " or ".join(f'"{name}"' for name, keys in self.KEYS.items() if key in (*keys[0], *keys[1]))
-                yield (key,), f'belongs to shape = {owners}, but shape is "{shape}"'
-        for key in needed:
-            if key not in self.model_fields_set:
-                yield (key,), f'is missing; shape "{shape}" needs it: {self._meaning(key)}'
-        if self.low is not None and self.high is not None and "low" in needed:
-            if len(self.low) != len(self.high):
-                yield ("high",), f"must have {len(self.low)} components, as low has"
-            elif any(a >= b for a, b in zip(self.low, self.high)):
-                yield ("high",), "must be above low in every component"
-        if self.text is not None and not self.text.strip():
-            yield ("text",), "has no letter"
-
-    @classmethod
-    def _meaning(cls, key: str) -> str:
-        return str(cls.model_fields[key].description).rpartition(": ")[2]
 
 
 class Shell(Table):
@@ -163,34 +85,3 @@ class Body(Shape):
     )
     shell: Shell | None = Field(None, description="harder, heavier shell; absent: none")
     noise: Noise | None = Field(None, description="pattern of harder and softer snow; absent: none")
-
-
-class Collider(Shape):
-    """[[collider]]: what snow cannot enter."""
-
-    KEYS = COLLIDERS
-    COMMON = ("shape", "friction", "sticky", "keyframes")
-
-    shape: Literal[
-        "half_space", "box", "sphere", "cylinder", "wedge", "text", "height_field", "surface", "level_sets"
-    ] = Field(description="what cannot be entered")
-    point: Vector | None = Field(None, description="half_space: a point of its plane [m]")
-    normal: Vector | None = Field(None, description="half_space: direction out of it, of any length")
-    friction: NotNegative = Field(0.0, description="coefficient of Coulomb friction μ [1]")
-    sticky: Boolean = Field(False, description="snow that touches it stays (7.7)")
-    keyframes: tuple[Keyframe, ...] | None = Field(None, min_length=1, description="rigid placements in time")
-
-    def problems(self) -> Iterator[Problem]:
-        """Yield what is wrong with shape, contact and motion."""
-        yield from super().problems()
-        if self.normal is not None and not any(self.normal):
-            yield ("normal",), "must not be zero"
-        if self.sticky and "friction" in self.model_fields_set:
-            yield ("friction",), "has no effect where sticky = true; leave one of them out"
-        if self.shape == "level_sets" and self.keyframes is not None:
-            yield ("keyframes",), "the file of level sets says how they move; leave keyframes out"
-        frames = self.keyframes or ()
-        for i in range(1, len(frames)):
-            if frames[i].time <= frames[i - 1].time:
-                before = frames[i - 1].time
-                yield ("keyframes", i, "time"), f"must be above the time of the keyframe before it, {before:g}"

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib import ticker
 from matplotlib.figure import Figure
 
-from . import snow
+from .colliders import colliders
 from .errors import InputError
 from .results import HISTORY, RECORD, SCENE, SERIES, SUMMARY, atomic
 from .scene import read_toml, validate
@@ -137,7 +137,7 @@ def _colliders(record: Mapping[str, Any], folder: Path) -> list[Any]:
         scene = validate(read_toml(folder / SCENE))
         # files are beside the scene, not beside the results
         scene._path = Path(record["scene_file"])
-        return snow.colliders(scene)
+        return colliders(scene, scene.collider, scene.dimension)
     except (InputError, KeyError, TypeError):
         return []  # a picture without obstacles is better than none
 

@@ -7,13 +7,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import BodyError, positive
+from extremal.obstacles.geometry import BodyError, positive
+from extremal.obstacles.height_field import HeightField
+from extremal.obstacles.shapes import Box, Cylinder, Region, Sphere, Wedge
+from extremal.obstacles.surfaces import SurfaceMesh
+from extremal.obstacles.text import Text
+
 from .hashing import hash_bits, hash_uniform
-from .height_field import HeightField
 from .noise import noise, shell_profile
-from .shapes import Box, Cylinder, Region, Sphere, Wedge
-from .surfaces import SurfaceMesh
-from .text import Text
 
 __all__ = [
     "BodyError",

@@ -7,9 +7,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import BodyError, positive
+from extremal.obstacles.geometry import BodyError, positive
+from extremal.obstacles.shapes import Shape
+
 from .hashing import hash_uniform
-from .shapes import Shape
 
 
 def shell_profile(shape: Shape, x: NDArray, thickness: float, factor: float) -> NDArray:

@@ -10,8 +10,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from extremal.obstacles.colliders import Collider
+
 from . import gradients, implicit, kernel, measures
-from .colliders import Collider, collide
+from .colliders import collide
 from .decomposition import Decomposition
 from .grid import Grid
 from .law import Law, table

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("app", "meshes", "forms", "mpm", "hawkes", "native")
+PACKAGES = ("app", "meshes", "forms", "obstacles", "mpm", "hawkes", "native")
 MAY_KNOW = {
-    "app": {"app", "meshes", "forms", "mpm", "hawkes"},
-    "forms": {"forms", "meshes", "native"},
+    "app": {"app", "meshes", "forms", "obstacles", "mpm", "hawkes"},
+    "forms": {"forms", "meshes", "obstacles", "native"},
     "meshes": {"meshes"},
-    "mpm": {"mpm", "native"},
+    "obstacles": {"obstacles"},
+    "mpm": {"mpm", "obstacles", "native"},
     "hawkes": {"hawkes", "native"},
     "native": {"native"},
 }

@@ -7,7 +7,7 @@ import pytest
 
 from extremal.mpm import bodies
 from extremal.mpm.bodies import Box, Cylinder, HeightField, Sphere, SurfaceMesh, Text, Wedge, noise, seed, shell_profile
-from extremal.mpm.shapes import HalfSpace
+from extremal.obstacles.shapes import HalfSpace
 
 REGIONS = {
     "box": (Box((-0.3, -0.5, -0.2), (0.4, 0.1, 0.9)), 0.7 * 0.6 * 1.1),

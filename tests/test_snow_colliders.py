@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from extremal.mpm.bodies import BodyError, Box, Cylinder, HeightField, Sphere, Text, Wedge, seed
-from extremal.mpm.colliders import Contact, Rigid, collide
-from extremal.mpm.motion import RigidMotion
-from extremal.mpm.shapes import HalfSpace
+from extremal.mpm.colliders import collide
+from extremal.obstacles.colliders import Contact, Rigid
+from extremal.obstacles.motion import RigidMotion
+from extremal.obstacles.shapes import HalfSpace
 
 SHAPES = {
     "plane": HalfSpace((0, 0, 0.1), (0, 1, 2)),

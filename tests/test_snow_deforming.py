@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from extremal.mpm.colliders import Contact, collide
-from extremal.mpm.deforming import DeformingLevelSet
-from extremal.mpm.geometry import BodyError
+from extremal.mpm.colliders import collide
+from extremal.obstacles.colliders import Contact
+from extremal.obstacles.deforming import DeformingLevelSet
+from extremal.obstacles.geometry import BodyError
 
 
 def points(dim, n):

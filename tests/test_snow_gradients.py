@@ -12,10 +12,10 @@ from snow_reference import ball, share, unpack
 from extremal.app import cli
 from extremal.app.snow_scene import GRADIENTS, PARTICLE_FIELDS
 from extremal.mpm import gradients
-from extremal.mpm.colliders import Contact, Rigid
 from extremal.mpm.law import Law
 from extremal.mpm.problem import SnowProblem
-from extremal.mpm.shapes import HalfSpace
+from extremal.obstacles.colliders import Contact, Rigid
+from extremal.obstacles.shapes import HalfSpace
 
 SERIAL = MPI.COMM_SELF
 H, RADIUS = 0.05, 0.15

@@ -8,12 +8,12 @@ import pytest
 from mpi4py import MPI
 from snow_reference import BOTH, ball, lattice, share, together
 
-from extremal.mpm.colliders import Contact, Rigid
 from extremal.mpm.decomposition import Decomposition
 from extremal.mpm.law import Law
 from extremal.mpm.particles import Particles
 from extremal.mpm.problem import SnowProblem, StepFailure
-from extremal.mpm.shapes import Box, HalfSpace
+from extremal.obstacles.colliders import Contact, Rigid
+from extremal.obstacles.shapes import Box, HalfSpace
 
 SERIAL = MPI.COMM_SELF
 H = 0.05

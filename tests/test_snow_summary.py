@@ -8,8 +8,8 @@ import pytest
 
 from extremal.app import cli
 from extremal.app.snow_picture import choose_view, draw_plane, draw_space
-from extremal.mpm.colliders import Rigid
-from extremal.mpm.shapes import HalfSpace, Sphere
+from extremal.obstacles.colliders import Rigid
+from extremal.obstacles.shapes import HalfSpace, Sphere
 
 UP = np.array([0.0, 0.0, 1.0])
 PLANE = """

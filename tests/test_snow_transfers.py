@@ -5,11 +5,11 @@ import pytest
 from mpi4py import MPI
 from snow_reference import BOTH, ball, laid_out, lattice, particle_loop, share, to_particles, together
 
-from extremal.mpm.colliders import Contact, Rigid
 from extremal.mpm.law import Law
 from extremal.mpm.particles import Particles
 from extremal.mpm.problem import SnowProblem
-from extremal.mpm.shapes import HalfSpace
+from extremal.obstacles.colliders import Contact, Rigid
+from extremal.obstacles.shapes import HalfSpace
 
 COLUMNS = ("position", "velocity", "stretch", "plastic", "volume")
 

@@ -125,7 +125,7 @@ def whirling_ball(h: float, law: Law) -> Particles:
 
     from extremal.mpm.bodies import seed
     from extremal.mpm.particles import Particles
-    from extremal.mpm.shapes import Sphere
+    from extremal.obstacles.shapes import Sphere
 
     x = seed(Sphere((0.0, 0.0, RADIUS), RADIUS), h, PER_CELL)
     velocity = 2.0 * np.sin(2 * np.pi / RADIUS * x[:, [1, 2, 0]])
