@@ -120,6 +120,15 @@ EFFECTS = (
     ),
     Effect(
         "elastic",
+        "contact",
+        "[[collider]]",
+        "distances of surface nodes to each collider, in each energy, residual and tangent",
+        ("forms.contact", "obstacles.colliders"),
+        ("elastic:contact",),
+        ("extremal.forms.contact", "extremal.obstacles"),
+    ),
+    Effect(
+        "elastic",
         "second_degree",
         "[element] degree",
         "unknowns on edges: about eight times as many in space",

@@ -20,6 +20,8 @@ from .parallel import on_root
 from .scene_fields import SPACE, SPACE_TIME
 
 if TYPE_CHECKING:
+    from extremal.obstacles.colliders import Collider
+
     from .conditions_scene import Motion
     from .elastic_scene import ElasticScene
     from .material_scene import Material
@@ -92,7 +94,17 @@ def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> form
         iterations=scene.solver.iterations,
         exact_tangent=scene.solver.tangent == "exact",
         error_tolerance=analysis.error_tolerance,
+        obstacles=_obstacles(scene, dimension),
+        contact=scene.contact.model_dump() if scene.contact is not None else None,
     )
+
+
+def _obstacles(scene: ElasticScene, dimension: int) -> Sequence[Collider]:
+    if not scene.collider:
+        return ()
+    from .colliders import colliders
+
+    return colliders(scene, scene.collider, dimension)
 
 
 def _stages(scene: ElasticScene) -> list[forms.Stage]:

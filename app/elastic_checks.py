@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from .collider_scene import shape_dimension
 from .errors import InputError, suggestion
 from .material_scene import Material, merged
 from .scene_common import Where, expectations, petsc_names
@@ -34,6 +35,7 @@ def cross_checks(scene: ElasticScene, missing: Iterable[str] = ()) -> Iterator[P
         ({"material", "continuation"}, _continuation),
         ({"mesh"}, _plane_or_space),
         ({"mesh"}, _known_boundaries),
+        ({"collider", "contact", "expect"}, _contact),
         (set(), _petsc_names),
         (set(), _expectations),
     )
@@ -123,6 +125,16 @@ def _continuation(scene: ElasticScene) -> Iterator[Problem]:
             yield ("continuation", "poisson_ratio", i), f"must be below [material] poisson_ratio = {final:g}"
 
 
+def _contact(scene: ElasticScene) -> Iterator[Problem]:
+    if scene.collider:
+        return
+    if scene.contact is not None:
+        yield ("contact",), "has no effect without [[collider]]"
+    for name in ("smallest_gap", "contact_force"):
+        if name in scene.expect:
+            yield ("expect", name), "needs [[collider]]"
+
+
 def _plane_or_space(scene: ElasticScene) -> Iterator[Problem]:
     if scene.dimension is not None:
         yield from _dimension(scene, scene.dimension)
@@ -156,6 +168,8 @@ def _dimension(scene: ElasticScene, d: int) -> Iterator[Problem]:
     for where, value in vectors:
         if value is not None and len(value) != d:
             yield where, f"must have {d} components: the body is {d}-dimensional"
+    for i, collider in enumerate(scene.collider):
+        yield from shape_dimension(("collider", i), collider, d, "body", "does not exist in the plane")
     if d == 3:
         return
     for i, fixed in enumerate(scene.fixed):

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
+from .collider_scene import Collider
 from .conditions_scene import Axis, Fixed, Gravity, Motion, Pressure, Traction
 from .errors import suggestion
 from .material_scene import Material, MaterialKeys, merged
@@ -29,6 +30,7 @@ POINT_FIELDS = ("displacement", "velocity")
 DIAGNOSTICS = (
     "time", "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "smallest_stretch",
     "residual", "newton_iterations", "krylov_iterations", "svd_skipped", "max_displacement",
+    "smallest_gap", "contact_force",
 )  # fmt: skip
 
 
@@ -174,6 +176,20 @@ class Analysis(Table):
             yield ("error_tolerance",), "needs adaptive = true"
 
 
+class ContactSettings(Table):
+    """[contact]: how the body meets its colliders."""
+
+    distance: Positive | None = Field(
+        None, description="distance below which a collider pushes [m]; default a tenth of the mean edge of cells"
+    )
+    stiffness: Positive = Field(
+        1.0, description="c of the barrier's stiffness c E/distance [1]; larger is harder, and harder to solve"
+    )
+    after: Literal["untangled"] | None = Field(
+        None, description="begin when no element is inverted and no node inside a collider; default: at once"
+    )
+
+
 class Continuation(Table):
     """[continuation]: solve easier problems first. This is ours, not the source's."""
 
@@ -236,6 +252,8 @@ class ElasticScene(Scene):
     traction: tuple[Traction, ...] = Field((), description="tractions")
     pressure: tuple[Pressure, ...] = Field((), description="pressures")
     gravity: Gravity | None = Field(None, description="gravity; absent: none")
+    collider: tuple[Collider, ...] = Field((), description="what the body cannot enter; absent: nothing")
+    contact: ContactSettings | None = Field(None, description="how colliders are met")
     damping: Damping | None = Field(None, description="damping; absent: none")
     initial: Initial = Field(default_factory=Initial, description="start")
     analysis: Analysis = Field(default_factory=Analysis, description="what is solved")
@@ -255,9 +273,12 @@ class ElasticScene(Scene):
         return self.beside(self.mesh.file)
 
     def files(self) -> Iterator[tuple[Where, Path]]:
-        """Yield the mesh file, if there is one."""
+        """Yield the mesh file, if there is one, and those of colliders."""
         if self.mesh_file is not None:
             yield ("mesh", "file"), self.mesh_file
+        for i, entry in enumerate(self.collider):
+            if entry.file is not None:
+                yield ("collider", i, "file"), self.beside(entry.file)
 
     @property
     def dimension(self) -> int | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -16,6 +16,9 @@ from .conditions import BodyForce, Constraints, Pressure, Traction
 from .constitutive import Constitutive
 from .integrators import Terms
 from .space import Space
+
+if TYPE_CHECKING:
+    from .contact import Contact
 
 Load = tuple[Sequence[str], Callable[[NDArray, float], NDArray]]
 
@@ -33,6 +36,8 @@ class Equations:
         Whether the residual is the gradient of `energy` (not with pressures, not with the IFE extension).
     held : (n,) int32
         Owned degrees of freedom with prescribed displacement.
+    contact : Contact or None
+        Adds its energy, force and Hessian.
     """
 
     def __init__(
@@ -51,6 +56,7 @@ class Equations:
         self.space, self.laws, self.constraints = space, laws, constraints
         self.comm: Any = space.comm
         self.terms: Terms | None = None
+        self.contact: Contact | None = None
         self.loads_at: float | None = None  # time of the loads in force
         self.weights = space.weights()
         self.pressures = [Pressure(space, names, value) for names, value in pressures]
@@ -132,6 +138,9 @@ class Equations:
         """Elastic, inertial, damping and load energy at `x` [J]; infinite where the law has no value."""
         with self._events["energy"]:
             self.set(x)
+            touch = self.contact.energy() if self.contact is not None else 0.0
+            if touch == np.inf:
+                return touch
             self.laws.update(energy=True)
             total = float(self.weights @ self.laws.energy.x.array)
             rate = self._damping_stress()
@@ -139,7 +148,7 @@ class Equations:
                 strain = self.laws.gradient - self._gradient_tilde
                 total += 0.5 * float(self.weights @ np.einsum("ni,ni->n", rate, strain))
             total = self.comm.allreduce(total) - self.load.dot(x)
-            total += self._inertia(x, None)
+            total += self._inertia(x, None) + touch
         return total if np.isfinite(total) else np.inf
 
     def residual(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
@@ -149,6 +158,8 @@ class Equations:
             self.internal_force(out)
             out.axpy(-1.0, self.load)
             self._inertia(x, out)
+            if self.contact is not None:
+                self.contact.add_force(out)
             out.array[self.held] = 0
 
     def internal_force(self, out: PETSc.Vec) -> None:
@@ -198,6 +209,8 @@ class Equations:
             compat.add_matrix(out, self._tangent_form, self.constraints.conditions)
             for pressure in self.pressures:
                 pressure.add_tangent(out, self.constraints.conditions)
+            if self.contact is not None:
+                self.contact.add_tangent(out)
             out.assemble()
 
     def linear_force(self, here: PETSc.Vec, change: NDArray) -> PETSc.Vec:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -16,12 +15,21 @@ from extremal.meshes import Domain
 from . import initial
 from .conditions import Constraints, Prescribed
 from .constitutive import Constitutive, agree
+from .diagnostics import diagnostics, why
 from .equations import Equations, Load, event
 from .integrators import INTEGRATORS, Motion, Scheme
 from .material import Material
 from .newton import Figures, Newton, StepFailure, regime
 from .prediction import follow_boundary
 from .space import Space
+from .state import gather, scatter
+
+if TYPE_CHECKING:
+    from extremal.obstacles.colliders import Collider
+
+    from .contact import Contact
+
+LAGS = 20  # most solves of a step with friction after the first: its forces follow those of the solve before
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,10 @@ class ElasticProblem:
         Never project the tangent.
     error_tolerance : float or None
         Largest local error [m] of an accepted dynamic step.
+    obstacles : sequence of Collider
+        What the body's surface cannot enter.
+    contact : mapping
+        distance, stiffness, after: see `Contact`.
     """
 
     def __init__(
@@ -83,6 +95,8 @@ class ElasticProblem:
         iterations: int = 150,
         exact_tangent: bool = False,
         error_tolerance: float | None = None,
+        obstacles: Sequence[Collider] = (),
+        contact: Mapping[str, Any] | None = None,
     ) -> None:
         self.comm = domain.mesh.comm
         self.time = 0.0
@@ -104,10 +118,17 @@ class ElasticProblem:
             tractions=tractions,
             pressures=pressures,
         )
+        self.contact: Contact | None = None
+        if obstacles:
+            from .contact import Contact
+
+            held, stiff = self.constraints.dofs, self.laws.stiffness_scale()
+            self.contact = Contact(self.space, obstacles, held, stiff, **contact or {})
+            self.equations.contact = self.contact
         d = self.space.dimension
         volume = self.comm.allreduce(float(self.equations.weights.sum()))
         self.tolerance = tolerance * self.laws.stiffness_scale() * volume ** ((d - 1) / d)
-        self._unknown, self.size = self.equations.vector.duplicate(), self.equations.vector.getSize()
+        self.unknown, self.size = self.equations.vector.duplicate(), self.equations.vector.getSize()
         self._newton: Newton | None = None
         self._figures = Figures()
         self._continuation = event("continuation") if stages else None
@@ -123,6 +144,7 @@ class ElasticProblem:
             "traction": bool(tractions),
             "pressure": bool(pressures),
             "continuation": bool(stages),
+            "contact": bool(obstacles),
         }
         self.effects: dict[str, dict[str, Any]] = {name: {} for name, there in present.items() if there}
 
@@ -143,6 +165,8 @@ class ElasticProblem:
         if state != "rest":
             getattr(initial, state)(self.space, **how)
         self.constraints.apply(u, self.time)
+        if self.contact is not None:
+            self.contact.check(u)
         self.motion = Motion(u.copy(), np.zeros_like(u))
         if velocity is not None:
             self.motion.v[:] = np.asarray(velocity(self.space.positions)).ravel()
@@ -192,7 +216,7 @@ class ElasticProblem:
 
     def _stands_still(self, u: NDArray, dt: float) -> bool:
         """Whether a step of any length is the same static problem."""
-        if self.is_dynamic or self.equations.pressures:
+        if self.is_dynamic or self.equations.pressures or not (self.contact is None or self.contact.at_rest):
             return False
         moved = u.copy()
         self.constraints.apply(moved, self.time + dt)
@@ -210,22 +234,43 @@ class ElasticProblem:
         self.equations.begin(terms, before.u)
         part = terms.stage if terms is not None else 1.0
         self.equations.set_time(self.time + part * dt)
-        guess = before.u.copy()
-        self.constraints.apply(guess, self.time + dt)
-        guess = before.u + part * (guess - before.u)
+        start = self._meet_obstacles(before.u, self.time + part * dt)
+        moved = before.u.copy()
+        self.constraints.apply(moved, self.time + dt)
+        moved = start + part * (moved - before.u)
 
         newton = self._solver(before.u)
-        guess = follow_boundary(self.equations, newton, before.u, guess)
+        guess = follow_boundary(self.equations, newton, start, moved)
+        if self.contact is not None and not self.contact.fits(guess):
+            guess = moved
         figures, stages = self._solve(newton, guess)
-        self.equations.set(self._unknown)
+        for _ in range(LAGS if self.contact is not None else 0):
+            self.equations.set(self.unknown)
+            if self.contact is None or self.contact.follow():
+                break
+            again, _ = self._solve(newton, u.copy())
+            figures = figures + again
+        self.equations.set(self.unknown)
         if self._scheme is None:
             self.motion = replace(before, u=u.copy())
             return figures, stages, None
         new = self._scheme.finish(before, u.copy(), dt)
+        if self.contact is not None:
+            self.contact.set_time(self.time + dt)
+            if not self.contact.fits(new.u):
+                raise StepFailure("a node would enter an obstacle by the end of the step")
         wanted = self._check_error(self._scheme, before, new, dt)
         self.motion = new
         u[:] = new.u
         return figures, stages, wanted
+
+    def _meet_obstacles(self, u: NDArray, time: float) -> NDArray:
+        """`u` with the nodes moved that obstacles at `time` would be upon; contact begins where it waits to."""
+        if self.contact is None:
+            return u
+        self.space.u.x.array[:] = u
+        untangled = not self.contact.active and self._count_inverted() == 0
+        return self.contact.begin(u, self.time, time, untangled)
 
     def _solver(self, start: NDArray) -> Newton:
         """The SNES, made at the first step, when it is known what the body is like."""
@@ -252,12 +297,14 @@ class ElasticProblem:
             attempts = [staged] if inverted else [[Stage()], staged]
         total = Figures()
         for stages in attempts:
-            self._unknown.array[:] = guess[: self.equations.owned]
+            self.unknown.array[:] = guess[: self.equations.owned]
+            if self.contact is not None:
+                self.contact.search_from(guess)
             found = self._through(newton, stages)
             total = total + found
             if found.reason > 0:
                 return total, len(stages)
-        raise StepFailure(self._why(newton, total))
+        raise StepFailure(why(self, newton, total))
 
     def _through(self, newton: Newton, stages: Sequence[Stage]) -> Figures:
         total = Figures()
@@ -266,10 +313,10 @@ class ElasticProblem:
                 assert self._continuation is not None
                 with self._continuation:
                     self.laws.stage(stage.poisson_ratio, stage.threshold)
-                    total = total + newton.solve(self._unknown, self.tolerance, self._iterations - total.newton)
+                    total = total + newton.solve(self.unknown, self.tolerance, self._iterations - total.newton)
         finally:
             self.laws.stage()
-        return total + newton.solve(self._unknown, self.tolerance, max(1, self._iterations - total.newton))
+        return total + newton.solve(self.unknown, self.tolerance, max(1, self._iterations - total.newton))
 
     def _check_error(self, scheme: Scheme, before: Motion, new: Motion, dt: float) -> float | None:
         """The step [s] that the local error asks for next; refuses this one where the error is too large."""
@@ -288,33 +335,13 @@ class ElasticProblem:
         self.space.gradient(self.laws.gradient)
         return self.comm.allreduce(int((self.laws.determinants() < 0).sum()))
 
-    def _why(self, newton: Newton, figures: Figures) -> str:
-        """Reasons of the solvers and the worst element."""
-        words = f"{newton.reasons()} after {figures.newton} Newton iterations, |F| = {figures.residual:.3g} N"
-        words += f" (wanted {self.tolerance:.3g})"
-        self.equations.set(self._unknown)
-        self.laws.update()
-        stretches = self.laws.stretches()
-        J = stretches.prod(axis=1)
-        worst: tuple[float, int, tuple, tuple] = (np.inf, 0, (), ())
-        if len(J):
-            k = int(np.argmin(np.where(np.isfinite(J), J, -np.inf)))
-            cell = self.space.point_cells[k]
-            place = tuple(self.space.midpoints()[cell][: self.space.dimension])
-            worst = (float(J[k]), int(self.space.domain.original_cells[cell]), tuple(stretches[k]), place)
-        J_worst, element, s, x = min(self.comm.allgather(worst), key=lambda w: w[0])
-        return (
-            f"{words}; worst element {element} at ({', '.join(f'{c:.3g}' for c in x)}) m: J = {J_worst:.3g}, "
-            f"stretches {', '.join(f'{c:.3g}' for c in s)}"
-        )
-
     def _report(self, iteration: int, norm: float) -> None:
         """Tell the session of an iterate; SNES has just evaluated the residual there."""
         if self.on_iteration is None:
             return
         figures = {"iteration": iteration, "residual": norm}
         if self.equations.has_energy:
-            figures["energy"] = self.equations.energy(self._unknown)
+            figures["energy"] = self.equations.energy(self.unknown)
         J = self.laws.determinants()
         inverted = int(np.unique(self.space.point_cells[J < 0]).size)
         figures["inverted"] = self.comm.allreduce(inverted)
@@ -323,63 +350,21 @@ class ElasticProblem:
     # ------------------------------------------------------------------ what the session asks
 
     def diagnostics(self) -> dict[str, float]:
-        """Energies [J], smallest J and stretch, inverted elements and what the last step took."""
-        space, laws, comm = self.space, self.laws, self.comm
-        space.u.x.array[:] = self.motion.u
-        if self.equations.loads_at != self.time:  # after a failed step, a restart, within the midpoint rule
-            self.equations.set_time(self.time)
-        laws.update(energy=True)
-        elastic = comm.allreduce(float(self.equations.weights @ laws.energy.x.array))
-        points = comm.allreduce(len(self.equations.weights))
-        stretches = laws.stretches()
-        J = stretches.prod(axis=1)
-        self._unknown.array[:] = self.motion.u[: self.equations.owned]
-        loads = -self.equations.load.dot(self._unknown)
-        kinetic = self.equations.kinetic_energy(self.motion.v)
-        moved = np.linalg.norm(self.motion.u.reshape(-1, space.dimension), axis=1).max(initial=0)
-        return {
-            "time": self.time,
-            "energy": elastic + loads + kinetic,
-            "elastic_energy": elastic,
-            "kinetic_energy": kinetic,
-            "inverted": comm.allreduce(int(np.unique(space.point_cells[J < 0]).size)),
-            "smallest_J": comm.allreduce(float(J.min(initial=np.inf)), op=MPI.MIN),
-            "smallest_stretch": comm.allreduce(float(stretches[:, -1].min(initial=np.inf)), op=MPI.MIN),
-            "residual": self._figures.residual,
-            "newton_iterations": self._figures.newton,
-            "krylov_iterations": self._figures.krylov,
-            "svd_skipped": comm.allreduce(laws.skipped) / max(1, points),
-            "max_displacement": comm.allreduce(float(moved), op=MPI.MAX),
-        }
+        """Energies [J], smallest J and stretch, inverted elements, contact and what the last step took."""
+        return diagnostics(self, self._figures)
 
     def state(self) -> dict[str, NDArray]:
         """All that a restart needs, on rank 0 in canonical order; {} elsewhere."""
-        function = fem.Function(self.space.vectors)
-        out: dict[str, NDArray] = {}
-        for name in ("u", "v", "a", "u_old", "v_old"):
-            values = getattr(self.motion, name)
-            if values is None:
-                continue
-            function.x.array[:] = values
-            gathered = self.space.gather_nodes(function)
-            if gathered is not None:
-                out[name] = gathered
-        if self.comm.rank == 0:
-            out["dt_old"] = np.array([self.motion.dt_old])
+        out = gather(self.space, self.motion)
+        if out and self.contact is not None:
+            out["contact"] = np.array([self.contact.active])
         return out
 
     def restore(self, state: dict[str, NDArray]) -> None:
         """Take over what `state` gave, on any number of ranks."""
-        names = self.comm.bcast(sorted(state))
-        function = fem.Function(self.space.vectors)
-        values: dict[str, Any] = {}
-        for name in names:
-            if name == "dt_old":
-                values[name] = float(self.comm.bcast(state[name][0] if self.comm.rank == 0 else None))
-                continue
-            self.space.scatter_nodes(state.get(name), function)
-            values[name] = function.x.array.copy()
-        self.motion = Motion(**values)
+        if self.contact is not None:
+            self.contact.active = self.comm.bcast(bool(state["contact"][0]) if state else None)
+        self.motion = scatter(self.space, {name: values for name, values in state.items() if name != "contact"})
         self.space.u.x.array[:] = self.motion.u
 
     def geometry(self) -> tuple[NDArray, NDArray, str] | None:
@@ -397,4 +382,4 @@ class ElasticProblem:
         if self._newton is not None:
             self._newton.destroy()
         self.equations.destroy()
-        self._unknown.destroy()
+        self.unknown.destroy()

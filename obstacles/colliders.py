@@ -56,6 +56,9 @@ class Collider(Protocol):
     def velocity(self, x: NDArray, t: float) -> NDArray:
         """v_co (n, D) [m/s] of the collider's material at x."""
 
+    def carry(self, x: NDArray, start: float, end: float) -> NDArray:
+        """Where (n, D) [m] the collider takes at time `end` what it has at x at time `start`."""
+
 
 @dataclass(frozen=True)
 class Rigid:
@@ -106,6 +109,12 @@ class Rigid:
         """v_co (n, D) [m/s] of the body at points (n, D) [m] at time t [s]."""
         now = self._at(t)
         return now.velocity(x) if now else np.zeros_like(x)
+
+    def carry(self, x: NDArray, start: float, end: float) -> NDArray:
+        """Where (n, D) [m] points (n, D) [m] fixed to the body at time `start` are at time `end` [s]."""
+        if self.motion is None:
+            return x
+        return self.motion.at(end).to_world(self.motion.at(start).to_body(x))
 
     def _at(self, t: float) -> Placement | None:
         return None if self.motion is None else self.motion.at(t)

@@ -115,6 +115,12 @@ class DeformingLevelSet:
             return np.zeros_like(x)
         return (1 - part) * self._velocity[k].at(x) + part * self._velocity[k + 1].at(x)
 
+    def carry(self, x: NDArray, start: float, end: float) -> NDArray:
+        """Where (n, D) [m] points near the body are taken, by the midpoint rule."""
+        middle = (start + end) / 2
+        half = x + (middle - start) * self.velocity(x, start)
+        return x + (end - start) * self.velocity(half, middle)
+
     def _interval(self, t: float) -> tuple[int, float, float]:
         """Keyframe before t, γ, and Δt [s], which is zero where the body rests."""
         k = int(np.searchsorted(self.times, t, side="right")) - 1
