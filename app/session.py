@@ -211,6 +211,9 @@ class _Session:
             self.diagnostics = self.problem.diagnostics()
         except ArithmeticError as error:
             raise _Ended("failed", f"step {self.counts.step}: {error}", state_is_good=False) from error
+        energy = self.diagnostics.get("energy", 0.0)
+        if not math.isfinite(energy):
+            raise _Ended("failed", f"step {self.counts.step}: the energy is {energy:g}", state_is_good=False)
 
     def _stop_if_asked(self, request: StopRequest) -> None:
         """End the run if any rank has been sent a signal, except where it has just reached its end."""

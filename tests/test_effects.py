@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -27,11 +31,6 @@ Runs = dict[str, dict[str, Any]]
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Runs]:
     """What the runs of a part tell, made once; PETSc is not the one that this process has started."""
-    import os
-    import subprocess
-    import sys
-    from pathlib import Path
-
     made: dict[str, Runs] = {}
 
     def of(part: str) -> Runs:
@@ -109,6 +108,18 @@ def test_every_effect_that_run_json_can_list_is_in_the_ledger_and_every_event_to
         for run in found(part).values():
             assert set(run["effects"]) <= names
             assert set(run["events"]) <= events
+
+
+def line(each: Effect) -> str:
+    """The row of docs/effects.md about an effect."""
+    names = (", ".join(f"`{name}`" for name in names) for names in (each.where, each.events, each.brings))
+    return " | ".join((f"| {each.name}", f"`{each.keys}`", each.work, *names)) + " |"
+
+
+@pytest.mark.parametrize("each", EFFECTS, ids=lambda each: f"{each.part} {each.name}")
+def test_the_guide_has_the_ledger(each: Effect) -> None:
+    guide = Path(__file__).resolve().parent.parent / "docs" / "effects.md"
+    assert line(each) in guide.read_text().splitlines()
 
 
 def test_the_ledger_names_modules_that_exist() -> None:
