@@ -90,6 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def some_of(table: dict[str, Any]) -> Any:
+    """A reader of names from `table`, parted by commas."""
     def read(text: str) -> list[str]:
         for name in text.split(","):
             if name not in table:
@@ -107,6 +108,7 @@ def _ratios(text: str) -> list[float]:
 
 
 def positive(kind: type) -> Any:
+    """A reader of a positive number of that kind."""
     def read(text: str) -> Any:
         value = _number(text)
         if value <= 0 or kind(value) != value:
