@@ -84,10 +84,14 @@ lint: setup-dev
 	@for name in $(packages); do ln -sfn ../../../$$name build/lint/extremal/$$name; done
 	MYPYPATH=build/lint $(python) -m mypy $(packages:%=-p extremal.%)
 
+# where a package has an __all__, pdoc has to be told of its modules
+documented = $(packages:%=extremal.%) \
+    $(subst /,.,$(patsubst %.py,extremal.%,$(wildcard forms/[a-z]*.py meshes/[a-z]*.py)))
+
 docs: setup
 	./setup.sh docs
 	rm -rf build/api
-	$(python) -m pdoc -o build/api --docformat numpy $(packages:%=extremal.%) "!extremal[.].*[.]_[a-z]"
+	$(python) -m pdoc -o build/api --docformat numpy --favicon "data:," $(documented) "!extremal[.].*[.]_[a-z]"
 	NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --clean
 	@echo "the site: build/docs/index.html"
 
