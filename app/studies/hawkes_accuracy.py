@@ -81,23 +81,32 @@ def _run(args: argparse.Namespace) -> None:
 
 def data(runs: int, seed: int, quick: bool) -> dict[str, list[Set]]:
     """The small sets and the large one."""
+    return {
+        f"{runs} small sets": small_sets(runs, seed),
+        "one large set": [large_set(400 if quick else 20_000, seed)],
+    }
+
+
+def small_sets(runs: int, seed: int) -> list[Set]:
+    """Four agents, 40 events, 8 of them incomplete: the 6^8 allocations can be summed."""
+    from ._network_runs import complete_network, seed_of
+
+    return [_set(complete_network(4), 40, 8, "both", seed_of(seed, 0, run)) for run in range(runs)]
+
+
+def large_set(events: int, seed: int) -> Set:
+    """Nine agents whose pairs have parameters of their own; half of the events have lost one participant."""
     import numpy as np
 
     from extremal.hawkes.events import Network
 
-    from ._network_runs import complete_network, seed_of
+    from ._network_runs import seed_of
 
-    small = complete_network(4)
-    large = Network.complete(9, 0.01, 0.5, 0.1)
+    network = Network.complete(9, 0.01, 0.5, 0.1)
     random = np.random.default_rng(seed)
-    spread = (np.exp(random.normal(0, 0.7, len(large))) for _ in range(2))
-    parameters = (0.01 * next(spread), random.uniform(0.2, 0.8, len(large)), 0.1 * next(spread))
-    large = large.with_parameters(*parameters)
-    size = 400 if quick else 20_000
-    return {
-        f"{runs} small sets": [_set(small, 40, 8, "both", seed_of(seed, 0, run)) for run in range(runs)],
-        "one large set": [_set(large, size, size // 2, "one", seed_of(seed, 1))],
-    }
+    spread = (np.exp(random.normal(0, 0.7, len(network))) for _ in range(2))
+    parameters = (0.01 * next(spread), random.uniform(0.2, 0.8, len(network)), 0.1 * next(spread))
+    return _set(network.with_parameters(*parameters), events, events // 2, "one", seed_of(seed, 1))
 
 
 def _set(network: Network, events: int, incomplete: int, mode: str, seed: np.random.SeedSequence) -> Set:
@@ -119,25 +128,27 @@ def methods(small: bool, samples: Sequence[int]) -> Iterator[tuple[str, str, Met
     for solver in SOLVERS:
         for tolerance in TOLERANCES:
             name = f"(3.5), {solver.upper() if solver != 'sweeps' else solver}"
-            yield name, f"gap {tolerance:.0e}", _continuous(solver, tolerance), _continuous("sweeps", LIMIT)
-    yield "(3.7)", "closed form", _discrete, _discrete
+            yield name, f"gap {tolerance:.0e}", continuous(solver, tolerance), continuous("sweeps", LIMIT)
+    yield "(3.7)", "closed form", discrete, discrete
     for rounds in ROUNDS:
-        yield "mean field", f"{rounds} rounds", _mean_field(rounds), _mean_field(LIMIT_ROUNDS)
+        yield "mean field", f"{rounds} rounds", mean_field_rounds(rounds), mean_field_rounds(LIMIT_ROUNDS)
     for count in samples:
-        limit = _enumerated if small else _sampled(samples[-1], other=1)
-        yield "Gibbs", f"{count} sweeps", _sampled(count), limit
+        limit = enumerated if small else sampled(samples[-1], other=1)
+        yield "Gibbs", f"{count} sweeps", sampled(count), limit
     if small:
-        yield "enumeration (3.1)", "exact", _enumerated, _enumerated
+        yield "enumeration (3.1)", "exact", enumerated, enumerated
 
 
-def _continuous(solver: str, tolerance: float) -> Method:
+def continuous(solver: str, tolerance: float, before: int = 5) -> Method:
+    """(3.5) to a proven relative gap, by a type of TAO after sweeps `before`, or by sweeps alone."""
+
     def solve(one: Set) -> NDArray:
         from extremal.hawkes.energy import Energy
         from extremal.hawkes.reconstruct import reconstruct
 
         if solver != "sweeps":
             with petsc_options("hawkes_", {"tao_type": solver}):
-                return reconstruct(one.slots, gap=tolerance).weights
+                return reconstruct(one.slots, gap=tolerance, sweeps=before).weights
         energy, x = Energy(one.slots), one.slots.uniform()
         while True:
             x = energy.sweep(x)
@@ -148,7 +159,9 @@ def _continuous(solver: str, tolerance: float) -> Method:
     return solve
 
 
-def _mean_field(rounds: int) -> Method:
+def mean_field_rounds(rounds: int) -> Method:
+    """Mean field, so many rounds."""
+
     def solve(one: Set) -> NDArray:
         from extremal.hawkes.meanfield import mean_field, of_incomplete
 
@@ -157,7 +170,9 @@ def _mean_field(rounds: int) -> Method:
     return solve
 
 
-def _sampled(sweeps: int, other: int = 0) -> Method:
+def sampled(sweeps: int, other: int = 0) -> Method:
+    """Gibbs sampling, so many sweeps of one chain; `other` chooses the random numbers."""
+
     def solve(one: Set) -> NDArray:
         from extremal.hawkes.gibbs import gibbs
 
@@ -167,13 +182,15 @@ def _sampled(sweeps: int, other: int = 0) -> Method:
     return solve
 
 
-def _discrete(one: Set) -> NDArray:
+def discrete(one: Set) -> NDArray:
+    """Method (3.7)."""
     from extremal.hawkes.enumeration import energy_scores
 
     return energy_scores(one.slots)
 
 
-def _enumerated(one: Set) -> NDArray:
+def enumerated(one: Set) -> NDArray:
+    """The exact posterior."""
     from extremal.hawkes.enumeration import scores_by_enumeration
 
     return scores_by_enumeration(one.slots, compensator=True)
@@ -198,7 +215,7 @@ def measure(name: str, sets: Sequence[Set], samples: Sequence[int]) -> list[dict
         if family not in limits:
             limits[family] = [first(one.slots, limit(one)) for one in sets]
         try:
-            seconds, answers = _timed(solve, sets)
+            seconds, answers = timed(solve, sets)
         except ReconstructionError as error:
             rows.append({"data": name, "method": method, "setting": f"{setting}: {error}"})
             continue
@@ -229,7 +246,7 @@ def measure(name: str, sets: Sequence[Set], samples: Sequence[int]) -> list[dict
     return rows
 
 
-def _timed(solve: Method, sets: Sequence[Set]) -> tuple[float, list[NDArray]]:
+def timed(solve: Method, sets: Sequence[Set]) -> tuple[float, list[NDArray]]:
     """Least seconds of the processor, of up to three times, and the answers."""
     best, spent = float("inf"), 0.0
     answers: list[NDArray] = []
