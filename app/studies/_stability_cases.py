@@ -131,7 +131,7 @@ CASES = (
     Case("threshold", "σ3 = 0.4 (of C1)", "affine", _diagonal(1, 1, 0.4)),
     *(Case("ν", f"ν = {ν:g}", "scatter", SCATTER, FEWER, ν) for ν in (0.0, 0.45, 0.49, 0.499, 0.4999)),
     Case("slivers", "a layer", "scatter", SCATTER, FEWEST, mesh="layer"),
-    Case("slivers", "all elements", "scatter", SCATTER, FEWEST, mesh="plate", tolerance=1e-12),
+    Case("slivers", "all elements", "scatter", SCATTER, FEWER, mesh="plate", tolerance=1e-12),
     Case("contrast 1e6", "stiff half held", "scatter", SCATTER, FEWEST, young_modulus=_half(True), **CONTRASTED),
     Case("contrast 1e6", "soft half held", "scatter", SCATTER, FEWEST, young_modulus=_half(False), **CONTRASTED),
     *(Case("time step", f"{dt:g} s", "scatter", SCATTER, FEWEST, dt=dt) for dt in (1e-6, 1e-4, 1e-2, 1.0, 10.0)),

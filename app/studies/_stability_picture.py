@@ -124,7 +124,8 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
     axes.set_yticks([])
     for group, top in groups.items():
         axes.text(-1.98, top + 0.5, group, fontsize=8, fontweight="bold", va="center", clip_on=False)
-    labels = [MODELS[name].label.replace(", ", ",\n").replace(" Neo-", "\nNeo-") for name in models]
+    labels = [MODELS[name].label.replace(", ", ",\n") for name in models]
+    labels = [label.replace(" Neo-", "\nNeo-").replace(" never", "\nnever") for label in labels]
     axes.set_xticks([x + 0.48 for x in columns.values()], labels, fontsize=7.5)
     axes.xaxis.tick_top()
     axes.tick_params(length=0)
