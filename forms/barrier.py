@@ -26,7 +26,7 @@ def barrier(phi: NDArray, reach: float) -> tuple[NDArray, NDArray, NDArray]:
     short, log = 1 - ratio, np.log(ratio)
     b = -(short**2) * log * reach**2
     first = (2 * short * log - short**2 / ratio) * reach
-    second = -2 * log + short * (1 + 3 * ratio) / ratio**2 * short
+    second = -2 * log + short * (1 + 3 * ratio) / ratio**2
     return b, first, second
 
 

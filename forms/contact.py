@@ -25,6 +25,7 @@ from .space import Space
 REACH = 0.1  # of a cell: the distance d̂ below which an obstacle pushes
 STILL = 0.01  # of d̂: what slides by less in a step is held by less than μ λ
 FOLLOWED = 1e-3  # relative change of the normal forces at which friction has followed them
+GRAZING = 100  # points looked at on a node's way along an obstacle: a longer way is refused
 ATTEMPTS = 50  # pushes of nodes out of an obstacle that has come to them
 
 
@@ -146,8 +147,10 @@ class Contact:
             blocks *= self._free[:, :, None] & self._free[:, None, :]
             some = np.flatnonzero(np.abs(blocks).max(axis=(1, 2), initial=0) > 0)
             matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)  # ones on the diagonal were inserted, these are added
+            if not len(some):  # petsc4py divides by the number of blocks
+                return
             dofs = self._dofs[some]
-            matrix.setValuesLocalRCV(dofs, dofs, blocks[some].reshape(len(some), -1), addv=PETSc.InsertMode.ADD)
+            matrix.setValuesLocalRCV(dofs, dofs, blocks[some].reshape(len(some), dofs.shape[1] ** 2), addv=PETSc.InsertMode.ADD)
 
     def _gradient(self, j: int, x: NDArray) -> NDArray:
         phi = self._obstacles[j].distance(x, self._time)
@@ -200,13 +203,15 @@ class Contact:
         phi = obstacle.distance(start, self._time)
         done = np.zeros(len(start))
         on = np.flatnonzero(phi <= size)
-        while len(on):
+        for _ in range(GRAZING):
             if (phi[on] <= 0).any():
                 return True
+            if not len(on):
+                break
             done[on] += np.maximum(phi[on], self.reach / 4)
             on = on[done[on] < size[on]]
             phi[on] = obstacle.distance(start[on] + (done[on] / size[on])[:, None] * way[on], self._time)
-        return bool((obstacle.distance(end, self._time) <= 0).any())
+        return len(on) > 0 or bool((obstacle.distance(end, self._time) <= 0).any())
 
     # ------------------------------------------------------------------ a step
 
