@@ -40,10 +40,10 @@ def recommend(scene: str, error: float | None, seconds: float | None) -> str:
         try:
             found.append(_recommended(study, content, error, seconds))
         except LookupError as reason:
-            reasons.append(f"recommend {scene}: {study['name']}: {reason}")
+            reasons.append(f"{study['name']}: {reason}")
     if not found:
-        raise InputError(*reasons)
-    return "\n\n".join(found)
+        raise InputError(*(f"recommend {scene}: {reason}" for reason in reasons))
+    return "\n\n".join([*found, *reasons])
 
 
 def subject(study: Study) -> str:

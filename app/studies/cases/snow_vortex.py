@@ -1,9 +1,9 @@
 """The generalised vortex: a Neo-Hookean ring of which each circle turns by an angle of its own, held by a body force.
 
 Kamojjala, Brannon, Sadeghirad and Guilkey, "Verification tests in solid mechanics", Engineering with Computers 31
-(2015). A point (R, Θ) of the ring 3/4 < R < 5/4 moves to (R, Θ + α), α(R, t) = g(t) h(R), h = 1 - 32 s² + 256 s⁴, s = R - 1,
-g = A sin(πt/T): no circle changes its radius, and the edges neither turn nor shear. In the polar basis of the present
-place F is a rotation times 1 + γ e_θ⊗e_r, γ = R g h', so that J = 1 and, with P = μ(F - F^-T) + λ ln J F^-T,
+(2015). A point (R, Θ) of the ring 3/4 < R < 5/4 moves to (R, Θ + α), α(R, t) = g(t) h(R), h = 1 - 32 s² + 256 s⁴,
+s = R - 1, g = A sin(πt/T): no circle changes its radius, the edges neither turn nor shear. In the polar basis of the
+present place F is a rotation times 1 + γ e_θ⊗e_r, γ = R g h', so that J = 1 and, with P = μ(F - F^-T) + λ ln J F^-T,
 
     σ = P Fᵀ/J = μ (γ (e_r⊗e_θ + e_θ⊗e_r) + γ² e_θ⊗e_θ)
     div σ = μ (-γ²/r e_r + (γ' + 2γ/r) e_θ)
