@@ -16,6 +16,15 @@ from extremal.app.effects import EFFECTS, Effect
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = {"elastic": "Elasticity", "snow": "Snow", "hawkes": "Networks"}
+# values of keys that leave the effect off
+OFF: Mapping[str, tuple[object, ...]] = {
+    "extension": ("none",),
+    "type": ("static",),
+    "degree": (1,),
+    "beta": (0,),
+    "hardening": (0,),
+    "shape": ("mattress", "triangle", "tetrahedron", "simplex"),
+}
 ROW = re.compile(
     r"^\| \[(?P<title>.+?)\]\(#(?P<anchor>[\w-]+)\) \| `(?P<command>[^`]+)` \| (?P<cost>.*?) \| ?(?P<knobs>.*?) ?\|$"
 )
@@ -90,10 +99,11 @@ def _scene(path: Path, row: Mapping[str, str], texts: Mapping[str, str]) -> Scen
     cost = re.search(r"[Aa]bout ([\w.]+ (?:seconds?|minutes?|s|min))\b", said)
     knobs = re.search(r"To try: (.*?)\.?$", said, re.MULTILINE | re.DOTALL)
     part = table.get("part", "elastic")
+    title = row.get("title", table.get("title", path.stem))
     text = texts.get(row.get("anchor", ""), rest.split("\n    ")[0])
     return Scene(
         name=path.stem,
-        title=row.get("title", table.get("title", path.stem)),
+        title=title[:1].upper() + title[1:],
         part=part,
         lead=" ".join(lead.split()),
         text=re.sub(r"^!\[.*\]\(.*\)$", "", text, flags=re.MULTILINE).strip(),
@@ -149,13 +159,13 @@ def scene_pages() -> dict[str, str]:
     pages = {}
     for name, scene in scenes().items():
         picture = f"![{scene.title}](../{scene.picture})\n\n" if scene.picture else ""
-        knobs = f"| to try | {scene.knobs} |\n" if scene.knobs else ""
+        knobs = f"- to try: {scene.knobs}\n" if scene.knobs else ""
         source = (ROOT / "app" / "scenes" / f"{name}.toml").read_text()
         effects = ", ".join(f"[{_title(e)}](../effects/{_file(e)})" for e in EFFECTS if _uses(source, scene.part, e))
         pages[f"gallery/{name}.md"] = (
             f"# {scene.title}\n\n{scene.lead}\n\n{picture}{_deeper(scene.text)}\n\n"
             f"```sh\n{scene.command}\n```\n\n"
-            f"| | |\n|---|---|\n| cost on one core | {scene.cost} |\n{_deeper(knobs)}| effects | {effects} |\n\n"
+            f"- cost on one core: {scene.cost}\n{_deeper(knobs)}- effects that it names: {effects}\n\n"
             f"## The scene file\n\n`app/scenes/{name}.toml`; every key is explained in [scenes](../scenes.md).\n\n"
             f"```toml\n{source}```\n\nBack to the [gallery](../gallery.md#{scene.anchor}).\n"
         )
@@ -168,24 +178,22 @@ def _deeper(text: str) -> str:
 
 
 def _uses(source: str, part: str, effect: Effect) -> bool:
-    """Whether a scene says a key that switches the effect on; effects without such a key are always there."""
+    """Whether a scene says a key that switches the effect on."""
     if effect.part not in (part, "any"):
         return False
     table = tomllib.loads(source)
-    wanted = [_switch(key.strip(), table) for key in re.findall(r"\[+[\w.]+\]+(?: [\w]+(?: = \S+)?)?", effect.keys)]
-    return any(wanted)
+    keys = re.findall(r"\[+([\w.]+)\]+(?: (\w+)(?: = \"(\w+)\")?)?", effect.keys)
+    # where several effects share a key, its value is the name of one
+    shared = any(other.keys == effect.keys and other.part == effect.part for other in EFFECTS if other != effect)
+    return any(_switched_on(table.get(name), key, wanted or effect.name * shared) for name, key, wanted in keys)
 
 
-def _switch(key: str, table: Mapping[str, object]) -> bool:
-    found = re.match(r"\[+([\w.]+)\]+(?: (\w+)(?: = \"(\w+)\")?)?$", key)
-    if not found or found[1] not in table:
-        return False
-    value = table[found[1]]
-    entries = value if isinstance(value, list) else [value]
-    if found[2] is None:
-        return True
-    has = [entry[found[2]] for entry in entries if found[2] in entry]
-    return bool(has) if found[3] is None else found[3] in has
+def _switched_on(value: object, key: str, wanted: str) -> bool:
+    """Whether a scene has a table (or several), in it the key if one is asked for, and the value."""
+    if value is None or not key:
+        return value is not None
+    said = [entry[key] for entry in (value if isinstance(value, list) else [value]) if key in entry]
+    return any(word == wanted if wanted else word not in OFF.get(key, ()) for word in said)
 
 
 def _title(effect: Effect) -> str:
@@ -215,13 +223,13 @@ def _effect(effect: Effect) -> str:
     brings = ", ".join(f"`{library}`" for library in effect.brings) or "nothing"
     overview = " All effects: [effects](../effects.md)." if (ROOT / "docs" / "effects.md").is_file() else ""
     return (
-        f"# {_title(effect).capitalize()}\n\n{part}: {effect.work}.\n\n| | |\n|---|---|\n"
-        f"| switched on by | `{effect.keys}`, see [scene files]({explained}) |\n| done in | {where} |\n"
-        f"| PETSc events | {events} |\n| loads | {brings} |\n\n"
+        f"# {_title(effect).capitalize()}\n\n{part}: {effect.work}.\n\n"
+        f"- switched on by: `{effect.keys}`, see [scene files]({explained})\n- done in: {where}\n"
+        f"- PETSc events: {events}\n- loads: {brings}\n\n"
         "Where the scene does not ask for it, none of these events is in `-log_view`, and nothing is loaded for it. "
         "`extremal check --cost SCENE` says what it will take, `effects` in `run.json` what it took; "
         f"[PETSc](../petsc.md#where-the-time-goes) says how to read the events.{overview}\n\n"
-        + (f"## Scenes that ask for it\n\n{some}{more}" if using else "")
+        + (f"## Scenes that say so\n\n{some}{more}" if using else "")
     )
 
 
