@@ -148,7 +148,8 @@ def _elastic(scene: ElasticScene) -> Cost:
     across = float(extent.max()) * (points / float(extent.prod())) ** (1 / d)  # nodes along the longest side
     krylov = RATES["krylov static"] * across / (10 if dynamic else 1)  # inertia makes the matrix a better one
     solve = krylov * unknowns * row * RATES["entry"]
-    if (scene.material.poisson_ratio or 0) > 0.495 and d == 3 and not scene.pressure and not tangled:
+    ν = scene.material.poisson_ratio
+    if isinstance(ν, float) and ν > 0.495 and d == 3 and not scene.pressure and not tangled:
         solve = RATES["factor"] * unknowns**1.7
     assembly = RATES["newton"] + cells * RATES[f"cell P{degree}"] / (1 if d == 3 else 3)
     one = often * (assembly + solve)

@@ -288,8 +288,9 @@ class _Session:
     def _try_to_save(self) -> str:
         """Save the last good state after a failure or a stop; return what to add to the reason."""
         try:
-            self.output.frame()
+            # in this order a restart drops the frame, which a run that had gone on would not have
             self._save()
+            self.output.frame()
         except OutputError as error:
             return f"; {error}"
         return ""
