@@ -62,7 +62,7 @@ bench: setup
 # each short form takes a minute or two; the runs of tables and maps are so few that their figures are rough
 studies: setup
 	for sweep in $(sweeps); do $(study) $$sweep --quick -j 2 || exit 1; done
-	for name in cost locking recovery snow-cost snow-effects snow-iterations solvers; do \
+	for name in cost locking recovery snow-cost snow-effects snow-iterations solvers stability; do \
 	    $(study) $$name --quick -o results/studies-quick/$$name || exit 1; done
 	$(study) contour -o results/studies-quick/contour
 	for name in table-3.1 table-3.2 hawkes-accuracy; do \
@@ -74,8 +74,8 @@ studies-long: setup bench
 	for sweep in $(sweeps); do $(study) $$sweep || exit 1; done
 	for sweep in $(sweeps); do name=$$(basename $$sweep .toml | tr _ -); \
 	    cp results/studies/$$name/study.json app/studies/fronts/$$name.json || exit 1; done
-	for name in contour locking recovery snow-effects snow-iterations solvers table-3.1 table-3.2 hawkes-accuracy \
-	    figure-3.3; do $(study) $$name || exit 1; done
+	for name in contour locking recovery snow-effects snow-iterations solvers stability table-3.1 table-3.2 \
+	    hawkes-accuracy figure-3.3; do $(study) $$name || exit 1; done
 
 # mypy wants the packages where their import names say: a folder of links does it
 lint: setup-dev

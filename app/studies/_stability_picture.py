@@ -97,7 +97,9 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
     cases = [case for case in CASES if any((case.name, model) in cells for model in models)]
     if not cases:
         return
-    places, groups, y = {}, {}, 0.0
+    places: dict[str, float] = {}
+    groups: dict[str, float] = {}
+    y = 0.0
     for case in cases:
         if case.group not in groups:
             y += 0.35 if groups else 0.0
