@@ -56,9 +56,9 @@ def read_mesh(path: str | Path, cell_size: float | None = None, order: int | Non
         among(name, "order", order, (1, 2))
     mesh = _read(path)
     points = np.asarray(mesh.points, dtype=np.float64)
+    blocks = _blocks(mesh, name)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"{name}: damaged: its nodes have no 2 or 3 coordinates each")
-    blocks = _blocks(mesh, name)
     if not any(ACCEPTED.get(kind, (0,))[0] == 3 for kind, _, _ in blocks) and not _is_flat(points, blocks):
         corners = np.concatenate([nodes[:, :3] for kind, nodes, _ in blocks if LOWER.get(kind) == 2])
         return repair(fill(points, corners, name, cell_size, order or 1), name)
