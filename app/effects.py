@@ -41,6 +41,11 @@ class Effect:
 ELASTIC = ("energy", "residual", "tangent")
 SNOW = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
 PICTURES = ("matplotlib", "extremal.app.summary")
+# shapes are those of bodies of snow and of colliders
+OBSTACLES = ("extremal.app.colliders", "extremal.obstacles") + tuple(
+    f"extremal.obstacles.{name}"
+    for name in ("colliders", "deforming", "geometry", "height_field", "motion", "samples", "shapes")
+)
 
 EFFECTS = (
     Effect(
@@ -125,7 +130,7 @@ EFFECTS = (
         "distances of surface nodes to each collider, in each energy, residual and tangent",
         ("forms.contact", "obstacles.colliders"),
         ("elastic:contact",),
-        ("extremal.forms.contact", "extremal.obstacles"),
+        ("extremal.forms.contact", "extremal.forms.barrier", *OBSTACLES),
     ),
     Effect(
         "elastic",
@@ -152,6 +157,7 @@ EFFECTS = (
         "particles to the grid and back, forces, flow",
         ("mpm.problem", "mpm.grid"),
         tuple(f"snow:snow:{name}" for name in SNOW),
+        OBSTACLES,
     ),
     Effect(
         "snow",

@@ -24,7 +24,7 @@ from .space import Space
 
 REACH = 0.1  # of a cell: the distance d̂ below which an obstacle pushes
 STILL = 0.01  # of d̂: what slides by less in a step is held by less than μ λ
-FOLLOWED = 1e-3  # relative change of the normal forces at which friction has followed them
+FOLLOWED = 1e-2  # relative change of the normal forces at which friction has followed them
 GRAZING = 100  # points looked at on a node's way along an obstacle: a longer way is refused
 ATTEMPTS = 50  # pushes of nodes out of an obstacle that has come to them
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from .contact import Contact
 
-LAGS = 20  # most solves of a step with friction after the first: its forces follow those of the solve before
+LAGS = 10  # most solves of a step with friction after the first: its forces follow those of the solve before
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ WITH: dict[str, dict[str, Tables]] = {
             "initial": {"state": "mirror"},
             "material": {"extension": "c2"},
         },
+        "contact": {"collider": [{"shape": "half_space", "point": [0, 0, -0.01], "normal": [0, 0, 1]}]},
         "inertia": DYNAMIC,
         "damping": {**DYNAMIC, "damping": {"stiffness": 1e-3}},
         "second_degree": {"element": {"degree": 2}},
