@@ -60,6 +60,21 @@ def test_the_site_names_no_page_that_is_missing():
     assert [name for name in named if not (ROOT / "docs" / name).exists()] == []
 
 
+def test_every_scene_and_effect_has_a_page(monkeypatch):
+    """Also one that docs/gallery.md says nothing of."""
+    monkeypatch.syspath_prepend(ROOT / "docs" / "site")
+    generated = import_module("generated")
+    pages = generated.scene_pages() | generated.effect_pages()
+    told = generated.gallery((ROOT / "docs" / "gallery.md").read_text())
+    silent = generated.gallery("# Gallery\n")
+    for scene in (ROOT / "app" / "scenes").glob("*.toml"):
+        link = f"](gallery/{scene.stem}.md)**"
+        assert told.count(link) == silent.count(link) == 1
+        assert scene.read_text() in pages[f"gallery/{scene.stem}.md"]
+    for effect in generated.EFFECTS:
+        assert effect.work in pages[f"effects/{effect.part}-{effect.name}.md"]
+
+
 def commands(page: Path) -> Iterator[str]:
     """Quoted calls of the program that are meant to be typed: in code, up to a comment, no placeholder left out."""
     for line in page.read_text().splitlines():
