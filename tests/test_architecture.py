@@ -164,10 +164,3 @@ def test_files_stand_on_their_own():
     files = [p for f in folders for p in (ROOT / f).rglob("*") if p.suffix in suffixes or p.name == "run"]
     files += [p for p in ROOT.iterdir() if p.is_file() and (p.suffix in suffixes or p.name == "Makefile")]
     assert not [name(path) for path in files if outside in path.read_text(errors="replace")]
-
-
-@pytest.mark.parametrize("path", [*sorted(ROOT.glob("*.md")), *sorted(ROOT.glob("docs/**/*.md"))], ids=name)
-def test_links_of_the_documents_lead_somewhere(path):
-    targets = re.findall(r"\]\(([^)#\s]+)", path.read_text())
-    local = [target for target in targets if "://" not in target and not target.startswith("mailto:")]
-    assert not [target for target in local if not (path.parent / target).exists()]

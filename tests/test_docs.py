@@ -17,7 +17,7 @@ from extremal.app.options import split
 from extremal.app.scene import read_scene
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted(ROOT.glob("docs/**/*.md"))]
 LONGEST = 40  # lines of the code that shows how to add something
 
 
@@ -43,7 +43,7 @@ def blocks(path: Path, language: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=identity)
 def test_links_and_pictures_exist(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
-        if target.startswith(("http://", "https://")):
+        if target.startswith(("http://", "https://", "mailto:")):
             continue
         name, _, anchor = target.partition("#")
         file = page.parent / name if name else page
