@@ -1,7 +1,6 @@
 """The rules of the house that a program can check."""
 
 import ast
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
