@@ -150,7 +150,8 @@ class Contact:
             if not len(some):  # petsc4py divides by the number of blocks
                 return
             dofs = self._dofs[some]
-            matrix.setValuesLocalRCV(dofs, dofs, blocks[some].reshape(len(some), dofs.shape[1] ** 2), addv=PETSc.InsertMode.ADD)
+            values = blocks[some].reshape(len(some), dofs.shape[1] ** 2)
+            matrix.setValuesLocalRCV(dofs, dofs, values, addv=PETSc.InsertMode.ADD)
 
     def _gradient(self, j: int, x: NDArray) -> NDArray:
         phi = self._obstacles[j].distance(x, self._time)
