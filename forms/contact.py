@@ -324,7 +324,7 @@ class Contact:
             node, j, phi_there, place = min(found)
             words = ", ".join(f"{c:.4g}" for c in place)
             raise LawError(
-                f"[[collider]] #{j + 1}: surface node {node} at ({words}) m is not outside, by {-phi_there:.3g} m; "
+                f"[[collider]] #{j + 1}: surface node {node} at ({words}) m is not outside, by {abs(phi_there):.3g} m; "
                 'leave a gap, or let contact begin later by [contact] after = "untangled"'
             )
 

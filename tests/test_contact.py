@@ -269,3 +269,17 @@ def test_contact_may_wait_until_the_body_is_untangled():
     body.advance(1.0)
     found = body.diagnostics()
     assert body.contact.active and found["smallest_gap"] > 0 and found["contact_force"] > 0
+
+
+def test_a_restart_goes_on_with_contact():
+    def begun():
+        return block(MPI.COMM_SELF, lambda t: (0.002 * t, -0.02 * t), friction=0.5)
+
+    whole, first, second = begun(), begun(), begun()
+    for body in (whole, first):
+        body.advance(0.5)
+    second.restore(first.state())
+    second.time = first.time
+    for body in (whole, second):
+        body.advance(0.5)
+    np.testing.assert_allclose(second.motion.u, whole.motion.u, atol=1e-12)
