@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from extremal.app.errors import InputError
 from extremal.app.studies.cases import hawkes_ranks, snow_bar, snow_vortex
+from extremal.app.sweep import recommend
 
 SERIAL = MPI.COMM_SELF
 
@@ -90,6 +91,19 @@ def test_the_vortex_converges():
     """Order 1.7 at these cells; two from the next on, see docs/accuracy.md."""
     coarse, fine = (point(snow_vortex, cell_size=h, end=0.25)["error"] for h in (0.05, 0.025))
     assert np.log2(coarse / fine) > 1.5 and fine < 0.03
+
+
+# ---------------------------------------------------------------------------------------- recommendations
+
+
+def test_what_to_set_for_a_snow_drop_is_answered_from_the_shipped_fronts(monkeypatch, tmp_path):
+    """Each error has a paragraph of its own, those that cannot be had included."""
+    monkeypatch.setattr(recommend, "OWN", tmp_path)
+    said = recommend.recommend("app/scenes/snowball_drop.toml", 1e-2, None).split("\n\nsnow-")
+    assert "petsc.snow_ksp_rtol = " in said[0]  # the algebra is good enough
+    refused = {words.partition(":")[0] for words in said if "no point has an error of 1% or less" in words}
+    assert refused == {"drop-density", "drop-mesh", "drop-step"}
+    assert all("the reference is only" in words for words in said if words.partition(":")[0] in refused)
 
 
 # ---------------------------------------------------------------------------------------- networks

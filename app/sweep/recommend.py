@@ -18,6 +18,7 @@ from .sentences import cost, halving, percent, where
 SHIPPED = Path(__file__).resolve().parent.parent / "studies" / "fronts"
 OWN = Path("results/studies")
 NEAR = 10.0  # points whose error is within this factor speak for a recommendation
+FINER = 15.0  # a reference that is not so many times as large, in size or steps, has a noticeable error of its own
 
 Study = Mapping[str, Any]
 
@@ -85,7 +86,7 @@ def _recommended(study: Study, content: str, error: float | None, seconds: float
     if study["common"]:
         lines.append("  in this sweep all points had:")
         lines += [f"    {key} = {literal(value)}" for key, value in study["common"].items()]
-    lines += ["", *(f"  {line}" for line in _why(study, row, done, error, seconds)), *_caveats(study, content)]
+    lines += ["", *(f"  {line}" for line in _why(study, row, done, error, seconds)), *_caveats(study, row, content)]
     return "\n".join(lines)
 
 
@@ -99,7 +100,9 @@ def _cheapest(study: Study, done: Sequence[Mapping[str, Any]], error: float) -> 
     words = f"no point has an error of {percent(error)} or less; "
     words += f"the most accurate is {where(study, best)}: {cost(best)}"
     fit = study["fits"][best["method"]].get("seconds_of_error")
-    if fit is not None and fit["slope"] < 0:
+    if _understated(study, best):
+        words += f"; {_understated(study, best)}"
+    elif fit is not None and fit["slope"] < 0:
         more = fit["level"] * error ** fit["slope"]
         words += f"; by its slope {percent(error)} would take about {more:.2g} s"
     raise LookupError(f"{words}; accepted is --error {best['error']:.2g} or more")
@@ -129,7 +132,20 @@ def _why(
     yield f"  with {row['method']} {halving(study['fits'][row['method']].get('seconds_of_error'))}"
 
 
-def _caveats(study: Study, content: str) -> Iterator[str]:
+def _understated(study: Study, row: Mapping[str, Any]) -> str:
+    """What is to be said where the reference is hardly finer than a point; "" where it is, or nothing is known."""
+    reference = study["reference"]
+    if reference is None:
+        return ""
+    finer = max(reference["size"] / row["size"], reference["steps"] / row["steps"])
+    if not 1 < finer < FINER:
+        return ""
+    return f"the reference is only {finer:.2g} times as large, so that the true error may be larger"
+
+
+def _caveats(study: Study, row: Mapping[str, Any], content: str) -> Iterator[str]:
+    if _understated(study, row):
+        yield f"  {_understated(study, row)}"
     if processor(study["machine"]) != processor(machine()):
         yield f"  seconds are of another machine: {study['machine']}"
     if study["quick"]:
