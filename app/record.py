@@ -127,6 +127,18 @@ def effects_with_cost(
     return table
 
 
+def peak_memory() -> int:
+    """Largest memory of this process [bytes].
+
+    `ru_maxrss` begins with that of the process which started this one, however large.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM:"))
+    except (OSError, StopIteration):
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
 def resources(comm: MPI.Comm, before: float) -> dict[str, Any] | None:
     """Return memory and processor time of each rank (collective; None on ranks other than 0).
 
@@ -140,7 +152,7 @@ def resources(comm: MPI.Comm, before: float) -> dict[str, Any] | None:
         platform.node(),
         seconds,
         seconds - before,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        peak_memory(),
     )
     everyone = comm.gather(mine, root=0)
     if everyone is None:

@@ -9,12 +9,12 @@ as JSON.
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
 
 from extremal.hawkes.reconstruct import reconstruct
 
+from ..record import peak_memory
 from ._network_runs import Data, seed_of
 from .table_3_2 import surrogate
 
@@ -31,7 +31,7 @@ def main(events: int, gap: float, seed: int) -> None:
         "before": ready - began,
         "seconds": done - ready,
         "relative_gap": result.relative_gap,
-        "bytes": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss,
+        "bytes": peak_memory(),
     }
     print(json.dumps(report))
 
