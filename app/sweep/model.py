@@ -121,6 +121,15 @@ class Sweep(Table):
         return self.case or Path(str(self.scene)).stem
 
     @property
+    def measure(self) -> str:
+        """What the error is."""
+        if self.case is None:
+            return str(self.error)
+        names: Mapping[str, str] = getattr(_case(self.case), "MEASURES", {})
+        chosen = {**settings_of(self.case), **self.set}.get("error")
+        return names.get(str(chosen), "relative error against the exact solution")
+
+    @property
     def scene_path(self) -> Path:
         """The scene file."""
         return self._path.parent / str(self.scene)
@@ -222,5 +231,9 @@ def cases() -> list[str]:
 
 def settings_of(case: str) -> Mapping[str, Any]:
     """Settings of a case and their defaults."""
-    settings: Mapping[str, Any] = importlib.import_module(f"..studies.cases.{case}", __package__).KEYS
+    settings: Mapping[str, Any] = _case(case).KEYS
     return settings
+
+
+def _case(case: str) -> Any:
+    return importlib.import_module(f"..studies.cases.{case}", __package__)

@@ -58,7 +58,7 @@ def assemble(sweep: Sweep, facts: Sequence[Facts], points: Path, quick: bool) ->
         "title": sweep.title,
         "scene" if sweep.case is None else "case": sweep.subject,
         "digest": "" if sweep.case is not None else digest(sweep.scene_path),
-        "error": str(sweep.error) if sweep.error is not None else "relative error against the exact solution",
+        "error": sweep.measure,
         "knob": list(sweep.knob.key),
         "common": flat(sweep.set),
         "quick": quick,

@@ -23,8 +23,13 @@ KEYS: dict[str, Any] = {
     "solver": "blmvm",  # of (3.5): a type of TAO, or "sweeps" for sweeps alone
     "sweeps": 5,  # before TAO
     "stop": 1e-8,  # (3.5): proven gap; mean field: rounds; Gibbs: sweeps
-    "error": "loss",  # see `run`
+    "error": "loss",  # one of MEASURES
     "seed": 1,
+}
+MEASURES = {
+    "loss": "first places lost, relative to the posterior's",
+    "disagreement": "share of first candidates other than the posterior's",
+    "flips": "share of first candidates other than in the method's limit",
 }
 LIMIT_SWEEPS, OTHER = 2000, 1  # of Gibbs sampling for the posterior, with another seed
 
