@@ -26,6 +26,8 @@ def test_two_points_have_a_slope_without_confidence_and_one_has_none():
     assert fit.slope == pytest.approx(2)
     assert math.isinf(fit.low)
     assert power_law([3, 3], [1, 2]) is None
+    # one above the other: the slope would be 7e4, and 2 to that power no number
+    assert power_law([3, 3.00003], [1, 2]) is None
     assert power_law([1, 2, 3], [1, 0, math.nan]) is None
 
 

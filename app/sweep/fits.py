@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 CONFIDENCE = 0.95
+STEEPEST = 30.0  # slope beyond which points stand above each other and follow no power law
 NOTICEABLE = 0.99  # an error larger than this part of another is no better than it
 
 
@@ -38,7 +39,7 @@ class Fit:
 
 
 def power_law(x: Sequence[float], y: Sequence[float]) -> Fit | None:
-    """Least squares in log-log, None where there are no two different x; values that are not positive are left out.
+    """Least squares in log-log, None where x hardly differs; values that are not positive are left out.
 
     Examples
     --------
@@ -52,6 +53,8 @@ def power_law(x: Sequence[float], y: Sequence[float]) -> Fit | None:
     a, b = np.array(kept).T
     spread = ((a - a.mean()) ** 2).sum()
     slope = float(((a - a.mean()) * b).sum() / spread)
+    if abs(slope) > STEEPEST:
+        return None
     rest = b - b.mean() - slope * (a - a.mean())
     half = math.inf
     if len(kept) > 2:
