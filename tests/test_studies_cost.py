@@ -65,3 +65,11 @@ def test_every_solver_unties_a_small_cube(tmp_path, comm):
     for solver in ("pbjacobi", "Cholesky"):
         row = solvers.solve(domain, 1, "tangled, ν 0.499", solver)
         assert (row["outcome"], row["end"]) == ("solved", "converged")
+
+
+def test_every_mesh_of_the_study_of_solvers_can_be_made():
+    """The longest bar has the largest cells, and none may be larger than the cross section."""
+    from extremal.app.studies.solvers import KINDS, MESHES, QUICK
+
+    longest = max(kind.length for kind in KINDS.values())
+    assert max(size for _, size in MESHES + QUICK) * longest ** (1 / 3) <= 1
