@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
@@ -11,37 +11,11 @@ from pydantic import ValidationError
 from .collider_scene import shape_dimension
 from .errors import InputError, suggestion
 from .material_scene import Material, merged
-from .scene_common import Where, expectations, petsc_names
+from .scene_common import Check, Where, expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .elastic_scene import ElasticScene
-
-
-def cross_checks(scene: ElasticScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
-    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
-
-    Parameters
-    ----------
-    scene : ElasticScene
-    missing : iterable of str
-        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
-    """
-    absent = set(missing)
-    groups: tuple[tuple[set[str], Callable[[ElasticScene], Iterator[Problem]]], ...] = (
-        ({"material", "regions"}, _materials),
-        ({"material", "analysis", "gravity"}, _densities),
-        ({"analysis", "damping", "initial", "output"}, _analysis),
-        ({"material", "continuation"}, _continuation),
-        ({"mesh"}, _plane_or_space),
-        ({"mesh"}, _known_boundaries),
-        ({"collider", "contact", "expect"}, _contact),
-        (set(), _petsc_names),
-        (set(), _expectations),
-    )
-    for tables, check in groups:
-        if not tables & absent:
-            yield from check(scene)
 
 
 def check_on_mesh(
@@ -203,11 +177,20 @@ def _boundaries(scene: ElasticScene, known: tuple[str, ...]) -> Iterator[Problem
                     yield (table, i, "boundary"), f'the mesh has no "{name}"; ' + suggestion(name, known)
 
 
-def _petsc_names(scene: ElasticScene) -> Iterator[Problem]:
-    yield from petsc_names(scene.petsc)
-
-
 def _expectations(scene: ElasticScene) -> Iterator[Problem]:
     from .elastic_scene import DIAGNOSTICS
 
     yield from expectations(scene.expect, DIAGNOSTICS)
+
+
+CHECKS: tuple[Check, ...] = (
+    ({"material", "regions"}, _materials),
+    ({"material", "analysis", "gravity"}, _densities),
+    ({"analysis", "damping", "initial", "output"}, _analysis),
+    ({"material", "continuation"}, _continuation),
+    ({"mesh"}, _plane_or_space),
+    ({"mesh"}, _known_boundaries),
+    ({"collider", "contact", "expect"}, _contact),
+    (set(), petsc_names),
+    (set(), _expectations),
+)

@@ -2,35 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from .scene_common import expectations, petsc_names
+from .scene_common import Check, expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .hawkes_scene import HawkesScene
-
-
-def cross_checks(scene: HawkesScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
-    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
-
-    Parameters
-    ----------
-    scene : HawkesScene
-    missing : iterable of str
-        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
-    """
-    absent = set(missing)
-    groups: tuple[tuple[set[str], Callable[[HawkesScene], Iterator[Problem]]], ...] = (
-        ({"events", "simulation"}, _source_of_events),
-        ({"network", "simulation"}, _simulation),
-        (set(), lambda scene: petsc_names(scene.petsc)),
-        ({"simulation", "method", "estimation"}, _expectations),
-    )
-    for tables, check in groups:
-        if not tables & absent:
-            yield from (problem for problem in check(scene) if problem[0][0] not in absent)
 
 
 def _source_of_events(scene: HawkesScene) -> Iterator[Problem]:
@@ -62,3 +41,11 @@ def _expectations(scene: HawkesScene) -> Iterator[Problem]:
             yield ("expect", name), "needs [estimation]"
         elif name in ("gap", "tao_iterations") and not scene.method.is_default:
             yield ("expect", name), "belongs to (3.5), which [method] replaces"
+
+
+CHECKS: tuple[Check, ...] = (
+    ({"events", "simulation"}, _source_of_events),
+    ({"network", "simulation"}, _simulation),
+    (set(), petsc_names),
+    ({"simulation", "method", "estimation"}, _expectations),
+)

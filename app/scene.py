@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from .elastic_scene import ElasticScene
 from .errors import InputError, suggestion
 from .hawkes_scene import HawkesScene
 from .parallel import on_root
-from .scene_common import Scene
+from .scene_common import Check, Scene, cross_checks
 from .scene_errors import problem_line, problems_of, toml
 from .scene_fields import Problem
 from .snow_scene import SnowScene
@@ -35,21 +35,21 @@ class Part:
     ----------
     model : type of Scene
         Its tables.
-    cross_checks : callable
-        (scene, names of tables with errors) -> problems between the tables.
+    checks : tuple of Check
+        Between the tables.
     stand_ins : dict
         What stands in for a required table with errors, so that the other tables can be checked all the same.
     """
 
     model: type[Scene]
-    cross_checks: Callable[..., Iterator[Problem]]
+    checks: tuple[Check, ...]
     stand_ins: dict[str, Any]
 
 
 PARTS = {
     "elastic": Part(
         ElasticScene,
-        elastic_checks.cross_checks,
+        elastic_checks.CHECKS,
         {
             "mesh": {"file": "mesh.msh"},
             "material": {"young_modulus": 1.0, "poisson_ratio": 0.3, "density": 1.0},
@@ -57,7 +57,7 @@ PARTS = {
     ),
     "snow": Part(
         SnowScene,
-        snow_checks.cross_checks,
+        snow_checks.CHECKS,
         {
             "grid": {"cell_size": 1.0},
             "body": [{"shape": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.0}],
@@ -66,7 +66,7 @@ PARTS = {
     ),
     "hawkes": Part(
         HawkesScene,
-        hawkes_checks.cross_checks,
+        hawkes_checks.CHECKS,
         {"network": {"agents": 3}, "simulation": {"count": 1, "incomplete": 1}},
     ),
 }
@@ -160,7 +160,7 @@ def validate(data: Mapping[str, Any], name: str = "scene") -> Any:
     part = PARTS[wanted]
     try:
         scene = part.model.model_validate(data)
-        found = list(part.cross_checks(scene))
+        found = list(cross_checks(scene, part.checks))
     except ValidationError as error:
         found = list(problems_of(error, part.model))
         found += _checks_of_the_rest(data, part, {str(where[0]) for where, _ in found if where})
@@ -179,4 +179,4 @@ def _checks_of_the_rest(data: Mapping[str, Any], part: Part, wrong: set[str]) ->
         scene = part.model.model_validate({**instead, **rest})
     except ValidationError:
         return []
-    return list(part.cross_checks(scene, missing=wrong))
+    return list(cross_checks(scene, part.checks, wrong))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,9 +72,29 @@ class Scene(Table):
         yield from ()
 
 
-def petsc_names(table: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what cannot be the name of a PETSc option."""
-    for key in table:
+# Tables that a check between tables consults, and the check: a scene in, problems out.
+Check = tuple[set[str], Callable[[Any], Iterator[Problem]]]
+
+
+def cross_checks(scene: Scene, checks: Iterable[Check], missing: Iterable[str] = ()) -> Iterator[Problem]:
+    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
+
+    Parameters
+    ----------
+    scene : Scene
+    checks : iterable of Check
+    missing : iterable of str
+        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
+    """
+    absent = set(missing)
+    for tables, check in checks:
+        if not tables & absent:
+            yield from (problem for problem in check(scene) if problem[0][0] not in absent)
+
+
+def petsc_names(scene: Any) -> Iterator[Problem]:
+    """Yield what in [petsc] cannot be the name of an option."""
+    for key in scene.petsc:
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", key):
             hint = "without the dash" if key.startswith("-") else "with letters, digits and _ only"
             yield ("petsc", key), f"the name of a PETSc option is written {hint}"

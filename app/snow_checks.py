@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from .collider_scene import shape_dimension
-from .scene_common import expectations, petsc_names
+from .scene_common import Check, expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
     from .snow_scene import SnowScene
 
 PLANE = "does not exist in the plane ([grid] dimension = 2)"
-
-
-def cross_checks(scene: SnowScene, missing: Iterable[str] = ()) -> Iterator[Problem]:
-    """Yield what is wrong between the tables of a scene whose tables are each right by themselves.
-
-    Parameters
-    ----------
-    scene : SnowScene
-    missing : iterable of str
-        Tables with errors of their own, replaced by stand-ins: whatever would consult them is left unchecked.
-    """
-    absent = set(missing)
-    groups: tuple[tuple[set[str], Callable[[SnowScene], Iterator[Problem]]], ...] = (
-        ({"material", "body"}, _materials),
-        ({"grid", "body"}, _sizes),
-        ({"grid"}, _plane_or_space),
-        ({"analysis", "output"}, _frames),
-        ({"grid", "output"}, _volumes),
-        (set(), lambda scene: petsc_names(scene.petsc)),
-        (set(), _expectations),
-    )
-    for tables, check in groups:
-        if not tables & absent:
-            yield from (problem for problem in check(scene) if problem[0][0] not in absent)
 
 
 def _materials(scene: SnowScene) -> Iterator[Problem]:
@@ -84,3 +60,14 @@ def _expectations(scene: SnowScene) -> Iterator[Problem]:
     from .snow_scene import DIAGNOSTICS
 
     yield from expectations(scene.expect, DIAGNOSTICS)
+
+
+CHECKS: tuple[Check, ...] = (
+    ({"material", "body"}, _materials),
+    ({"grid", "body"}, _sizes),
+    ({"grid"}, _plane_or_space),
+    ({"analysis", "output"}, _frames),
+    ({"grid", "output"}, _volumes),
+    (set(), petsc_names),
+    (set(), _expectations),
+)

@@ -77,7 +77,7 @@ class Method(Table):
 
     def problems(self) -> Iterator[Problem]:
         """Yield what cannot be a PETSc option."""
-        yield from petsc_names(self.petsc)
+        yield from petsc_names(self)
 
 
 class Knob(Table):
