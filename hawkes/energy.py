@@ -69,8 +69,7 @@ class Energy:
         along = s.columns(x, g)
         first = 0.5 * float((self._steepest(x, g) - along).sum())
 
-        length = np.diff(s.start)
-        ν = np.repeat(0.5 * along, length)
+        ν = s.spread(0.5 * along)
         e = 0.5 * g - ν * x
         h = 0.5 * s.linear - e
         alone = (x == 0) & (s.coupling[s.pair] == 0)  # N's row is ν alone

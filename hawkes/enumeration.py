@@ -60,7 +60,7 @@ def energy_scores(slots: Slots) -> NDArray:
     The mean of Λ over the allocations with event j on pair i is a constant of j plus g_ij = b_ij + 2 (A x)_ij at
     the weights x = 1/|C_j|, the mean of all allocations: that gradient (S,) is the score.
     """
-    return Energy(slots).gradient(1 / np.repeat(slots.candidates, np.diff(slots.start)))
+    return Energy(slots).gradient(1 / slots.spread(slots.candidates))
 
 
 def with_floor(network: Network) -> Network:

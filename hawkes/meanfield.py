@@ -39,12 +39,12 @@ def mean_field(slots: Slots, *, sweeps: int = 10, start: NDArray | None = None, 
     network, n, first = with_floor(slots.network), slots.count, slots.first_pair
     K = len(slots.coupling)
     μ, θ, ω = (p[first : first + K] for p in (network.background, network.branching, network.decay))
-    time = np.repeat(slots.events.time[slots.event], np.diff(slots.start))
+    time = slots.spread(slots.events.time[slots.event])
     cost = np.zeros(len(slots))
     if compensator:
         cost -= θ[slots.pair] * np.expm1(ω[slots.pair] * (time - slots.events.duration))
     del time
-    q = 1 / np.repeat(slots.candidates, np.diff(slots.start)) if start is None else start.astype(float)
+    q = 1 / slots.spread(slots.candidates) if start is None else start.astype(float)
     rate, score = np.empty(len(slots)), np.empty(len(slots))
     largest, total = np.empty(n), np.empty(n)
     for sweep in range(sweeps):
@@ -85,7 +85,7 @@ def of_all(everything: Slots, slots: Slots, values: NDArray) -> NDArray:
 
 
 def _incomplete(everything: Slots) -> NDArray:
-    return np.repeat(everything.events.incomplete[everything.event], np.diff(everything.start))
+    return everything.spread(everything.events.incomplete[everything.event])
 
 
 def _reduce(slots: Slots, values: NDArray, op: MPI.Op) -> None:

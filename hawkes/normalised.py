@@ -91,17 +91,16 @@ class Functional:
 
 def _maximise(functional: Functional, x: NDArray) -> tuple[NDArray, float, int, int]:
     s = functional.slots
-    length = np.diff(s.start)
 
     def unit(z: NDArray) -> tuple[NDArray, NDArray]:
-        size = np.repeat(np.sqrt(s.columns(z, z)), length)
+        size = s.spread(np.sqrt(s.columns(z, z)))
         size[size == 0] = 1
         return z / size, size
 
     def evaluate(tao: PETSc.TAO, z: PETSc.Vec, out: PETSc.Vec) -> float:
         point, size = unit(z.array_r)
         value, g = functional.value(point)
-        out.array[:] = -(g - point * np.repeat(s.columns(point, g), length)) / size
+        out.array[:] = -(g - point * s.spread(s.columns(point, g))) / size
         return -value
 
     vectors = [PETSc.Vec().createSeq(len(s), comm=PETSc.COMM_SELF) for _ in range(4)]

@@ -152,12 +152,11 @@ def _lifted(energy: Energy, x: NDArray) -> NDArray:
     stuck, idle = (x == 0) & (g > 0), (x == 0) & (g == 0) & (s.coupling[s.pair] > 0)
     if not s.comm.allreduce(int((stuck | idle).sum())):
         return x
-    length = np.diff(s.start)
-    size = np.repeat(np.sqrt(s.columns(g, g)), length)
+    size = s.spread(np.sqrt(s.columns(g, g)))
     x = x.copy()
     x[stuck] = LIFT * g[stuck] / size[stuck]
     x[idle] = LIFT * s.uniform()[idle]
-    return x / np.repeat(np.sqrt(s.columns(x, x)), length)
+    return x / s.spread(np.sqrt(s.columns(x, x)))
 
 
 class _Solver:
@@ -225,7 +224,7 @@ class _Solver:
         self._radius, self._stiffness = np.sqrt(size), size
         tao = self._tao = self._tao or self._create()
         z = tao.getSolution()
-        z.array[:] = x * np.repeat(self._radius, np.diff(s.start))
+        z.array[:] = x * s.spread(self._radius)
         self._next = (np.inf, 0)
         tao.solve()
         self.iterations = self._before = self._before + tao.getIterationNumber()
@@ -237,9 +236,6 @@ class _Solver:
         return x
 
     # ------------------------------------------------------------------ energy in z
-
-    def _each(self, values: NDArray) -> NDArray:
-        return np.repeat(values, np.diff(self.slots.start))
 
     def _combine(self, factor: NDArray, u: NDArray, other: NDArray, v: NDArray) -> NDArray:
         """factor_j u + other_j v in each column j."""

@@ -102,4 +102,4 @@ def _equal(slots: Slots, p: float, f: float) -> NDArray:
         each = n ** (-1.0 / p)
     else:  # the root of n (f x² + (1 - f) x) = 1, written so that f = 0 is no exception
         each = 2 / n / ((1 - f) + np.sqrt(np.maximum((1 - f) ** 2 + 4 * f / n, 0)))
-    return np.repeat(each, np.diff(slots.start))
+    return slots.spread(each)

@@ -136,7 +136,7 @@ def calibration(slots: Slots, probabilities: NDArray, truth: NDArray, bins: int 
 
 def guessing(slots: Slots) -> NDArray:
     """(S,) probabilities that know nothing: every candidate alike (collective)."""
-    return 1 / np.repeat(slots.candidates, np.diff(slots.start))
+    return 1 / slots.spread(slots.candidates)
 
 
 def most_frequent(slots: Slots) -> NDArray:

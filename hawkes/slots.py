@@ -98,7 +98,7 @@ class Slots:
     @property
     def column(self) -> NDArray:
         """(S,) the number of each slot's event among those with slots."""
-        return np.repeat(np.arange(self.count), np.diff(self.start))
+        return self.spread(np.arange(self.count))
 
     @property
     def candidates(self) -> NDArray:
@@ -118,13 +118,17 @@ class Slots:
             self.comm.Allreduce(MPI.IN_PLACE, out)
         return out
 
+    def spread(self, values: NDArray) -> NDArray:
+        """Values (n,) of the events -> (S,) those of each slot's event."""
+        return np.repeat(values, np.diff(self.start))
+
     def sum(self, values: NDArray) -> float:
         """Sum over the slots of all ranks (collective)."""
         return float(self.comm.allreduce(float(values.sum())))
 
     def uniform(self) -> NDArray:
         """(S,) equal weights of unit length in each event."""
-        return np.repeat(1 / np.sqrt(np.maximum(self.candidates, 1)), np.diff(self.start))
+        return self.spread(1 / np.sqrt(np.maximum(self.candidates, 1)))
 
     @cached_property
     def whole(self) -> Slots:
