@@ -19,6 +19,8 @@ SOLIDS: Keys = {
     "box": (("low", "high"), ()),
     "sphere": (("center", "radius"), ()),
     "cylinder": (("center", "radius", "length"), ("axis",)),
+    "tube": (("center", "radius", "thickness", "length"), ("axis", "flare")),
+    "bowl": (("center", "radius", "thickness"), ()),
     "wedge": (("apex", "width", "height"), ("length", "axis")),
     "text": (("text", "height", "center"), ("thickness",)),
     "height_field": (("low", "high", "surface"), ()),
@@ -39,17 +41,22 @@ class Shape(Table):
 
     low: Vector | None = Field(None, description="box, height_field: corner with the smallest coordinates [m]")
     high: Vector | None = Field(None, description="box, height_field: corner with the largest coordinates [m]")
-    center: Vector | None = Field(None, description="sphere, cylinder, text: middle [m]")
-    radius: Positive | None = Field(None, description="sphere, cylinder: radius [m]")
-    length: Positive | None = Field(None, description="cylinder: along its axis [m]; wedge: along its edge, in space")
-    axis: Axis | None = Field(
-        None, description="cylinder: direction of its axis, default z; wedge: of its edge, default y"
+    center: Vector | None = Field(None, description="sphere, cylinder, tube, bowl, text: middle [m]")
+    radius: Positive | None = Field(None, description="sphere, cylinder, inside of tube and bowl: radius [m]")
+    length: Positive | None = Field(
+        None, description="cylinder, tube, wedge: length along its axis or edge [m], of a tube without its mouths"
     )
+    axis: Axis | None = Field(
+        None,
+        description="cylinder, tube: direction of its axis, default z, of a tube in the plane y; "
+        "wedge: of its edge, default y",
+    )
+    flare: NotNegative = Field(0.0, description="tube: radius with which both mouths bend outwards [m]")
     apex: Vector | None = Field(None, description="wedge: middle of its upper edge [m]")
     width: Positive | None = Field(None, description="wedge: width of its base [m]")
     height: Positive | None = Field(None, description="wedge: of the edge above its base [m]; text: of all its lines")
     text: Text | None = Field(None, description="text: the words, upright, read along x")
-    thickness: Positive | None = Field(None, description="text: thickness along y [m]; in space")
+    thickness: Positive | None = Field(None, description="tube, bowl, text: thickness of the wall, of the letters [m]")
     surface: SurfaceHeight | None = Field(
         None, description="height_field: height of its top [m], expression of x, y; in the plane of x"
     )
@@ -90,7 +97,17 @@ class Collider(Shape):
     COMMON = ("shape", "friction", "sticky", "keyframes")
 
     shape: Literal[
-        "half_space", "box", "sphere", "cylinder", "wedge", "text", "height_field", "surface", "level_sets"
+        "half_space",
+        "box",
+        "sphere",
+        "cylinder",
+        "tube",
+        "bowl",
+        "wedge",
+        "text",
+        "height_field",
+        "surface",
+        "level_sets",
     ] = Field(description="what cannot be entered")
     point: Vector | None = Field(None, description="half_space: a point of its plane [m]")
     normal: Vector | None = Field(None, description="half_space: direction out of it, of any length")
@@ -136,6 +153,8 @@ def shape_dimension(where: Where, entry: Shape, d: int, what: str, plane: str) -
         turns.append(((*place, "rotation"), frame.rotation))
     if d == 2 and shape in SPACE_ONLY:
         yield (*where, "shape"), plane
+    if d == 2 and entry.axis is not None and (shape != "tube" or entry.axis == "z"):
+        yield (*where, "axis"), plane
     key = THICK.get(shape, "")
     if key and (getattr(entry, key) is None) == (d == 3):
         yield (*where, key), f"is missing; in space a {shape} has a {key} [m]" if d == 3 else plane

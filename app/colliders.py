@@ -13,6 +13,7 @@ from extremal.obstacles.colliders import Collider, Contact, Rigid
 from extremal.obstacles.deforming import DeformingLevelSet
 from extremal.obstacles.geometry import BodyError
 from extremal.obstacles.height_field import HeightField
+from extremal.obstacles.hollow import Bowl, Tube
 from extremal.obstacles.motion import RigidMotion
 from extremal.obstacles.shapes import Box, Cylinder, HalfSpace, Sphere, Wedge
 
@@ -67,6 +68,11 @@ def shape_of(scene: Scene, table: collider_scene.Shape, d: int) -> Any:
         return Sphere(t.center, t.radius)
     if t.shape == "cylinder":
         return Cylinder(t.center, t.radius, t.length, (0, 0, 1) if axis is None else axis)
+    if t.shape == "tube":
+        along = None if axis is None else axis[:d]
+        return Tube(t.center, t.radius, t.thickness, t.length, along, t.flare)
+    if t.shape == "bowl":
+        return Bowl(t.center, t.radius, t.thickness)
     if t.shape == "half_space":
         return HalfSpace(t.point, t.normal)
     if t.shape == "wedge":

@@ -44,7 +44,7 @@ PICTURES = ("matplotlib", "extremal.app.summary")
 # shapes are those of bodies of snow and of colliders
 OBSTACLES = ("extremal.app.colliders", "extremal.obstacles") + tuple(
     f"extremal.obstacles.{name}"
-    for name in ("colliders", "deforming", "geometry", "height_field", "motion", "samples", "shapes")
+    for name in ("colliders", "deforming", "geometry", "height_field", "hollow", "motion", "samples", "shapes")
 )
 
 EFFECTS = (
