@@ -141,6 +141,33 @@ def test_a_point_is_another_when_anything_it_depends_on_changes(sweep_file):
     assert not {point.digest for point in points_of(load_sweep(sweep_file))} & {*before}
 
 
+def test_a_method_without_the_knob_is_one_point(sweep_file):
+    sweep_file.write_text(sweep_file.read_text().replace('name = "P1"', 'name = "P1"\nvalues = []', 1))
+    point = points_of(load_sweep(sweep_file))[1]
+    assert (point.method, point.value, str(point)) == ("P1", None, "P1")
+    assert "mesh.cell_size" not in point.settings and "cell_size = 0.5" in point.text
+
+
+def test_sweeps_of_the_same_runs_share_them(sweep_file, tmp_path, monkeypatch, capsys):
+    """Two sweeps that differ in their error alone run each point once."""
+    monkeypatch.chdir(tmp_path)
+    other = sweep_file.with_name("other.toml")
+    other.write_text(sweep_file.read_text().replace('"max_displacement"', '"energy"'))
+    measured = []
+    monkeypatch.setattr(running, "_run", counted(running._run, measured))
+    for path in (sweep_file, other):
+        assert cli.main(["study", str(path), "--quick"]) == EXIT_FINISHED
+    assert len(measured) == 5 and capsys.readouterr().out.count(": kept") == 5
+
+
+def counted(function, calls):
+    def call(*args):
+        calls.append(args)
+        return function(*args)
+
+    return call
+
+
 def test_dotted_keys_and_tables_are_the_same():
     assert flat({"a": {"b": 1, "c": {"d": 2}}, "e.f": {}}) == {"a.b": 1, "a.c.d": 2, "e.f": {}}
 
@@ -319,7 +346,7 @@ BAD = [
     (
         "diagnostic =",
         'field = "displacement"\ndiagnostic =',
-        "[error]: must have exactly one of diagnostic, history, field, density",
+        "[error]: must have exactly one of diagnostic, history, field, density, front, predictions",
     ),
     (
         "max_displacement",
@@ -330,6 +357,11 @@ BAD = [
         'diagnostic = "max_displacement"',
         "density = 0.1",
         "[error] density = 0.1: belongs to scenes of snow; this one's part is elastic",
+    ),
+    (
+        'diagnostic = "max_displacement"',
+        'predictions = "probability"',
+        "[error] predictions = \"probability\": belongs to scenes of hawkes; this one's part is elastic",
     ),
     ('set = { "mesh.cell_size" = 0.1 }', "", "[reference]: must have exactly one of set, value"),
     ("timeout = 120", "timeout = 0", "timeout = 0: must be above 0"),

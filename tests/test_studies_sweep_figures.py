@@ -59,6 +59,21 @@ def test_fields_are_interpolated_at_the_points_of_the_run():
     assert norms.of_fields(points, linear(points), norms.Interpolated(known, linear(known))) < 1e-12
 
 
+def test_a_front_is_where_a_hundredth_of_the_mass_is_ahead():
+    x = np.random.default_rng(1).permutation(np.arange(1000.0))[:, None] * [1, -1]
+    m = np.ones(1000)
+    assert norms.front(x, m, 0) == 989 and norms.front(x, m, 1) == -10
+    m[x[:, 0] == 995] = 50  # one heavy particle
+    assert norms.front(x, m, 0) == 995
+
+
+def test_shares_of_pairs_are_compared_event_by_event():
+    there = {(1, "a", "b"): 0.75, (1, "a", "c"): 0.25, (2, "b", "c"): 1.0}
+    here = {(1, "a", "b"): 0.5, (1, "a", "d"): 0.5, (2, "b", "c"): 1.0}
+    assert norms.of_shares(there, there) == 0
+    assert norms.of_shares(here, there) == pytest.approx(0.25)  # half of event 1's, nothing of event 2's
+
+
 def test_densities_count_the_mass_in_the_wrong_cell():
     x = np.array([[0.5, 0.5], [1.5, 0.5], [-0.5, 0.5], [0.5, 0.5]])
     moved = x + [[0, 0], [0, 0], [0, 0], [2, 0]]

@@ -29,20 +29,24 @@ def run(path: Path, args: argparse.Namespace, comm: MPI.Comm) -> int:
 
 
 def _run(path: Path, args: argparse.Namespace, size: int) -> int:
-    from ..studies._table import machine
+    from ..studies._table import machine, make_folder
     from .model import load_sweep
     from .points import points_of
+    from .recommend import OWN
     from .report import assemble, slopes, table, write
     from .running import How, run_points
 
     if size > 1:
         raise InputError(f"study {path.stem}: a sweep starts its own processes: leave mpirun out, give -j or --ranks")
     sweep = load_sweep(path)
-    folder = args.output or Path("results/studies") / (sweep.name + ("-quick" if args.quick else ""))
+    folder = args.output or OWN / (sweep.name + ("-quick" if args.quick else ""))
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; -o names a folder for the results")
     points = points_of(sweep, args.quick, args.ranks or 0)
-    how = How(folder / "points", args.jobs, args.ranks or 0, sweep.timeout, sweep.repeats(args.quick))
+    # sweeps of the same runs that look at different errors share them
+    kept = args.output or OWN
+    make_folder(folder)
+    how = How(kept / "points", args.jobs, args.ranks or 0, sweep.timeout, sweep.repeats(args.quick))
     facts = run_points(points, how, lambda line: print(line, flush=True))
     try:
         study = assemble(sweep, facts, how.folder, args.quick)

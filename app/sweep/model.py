@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError
 
@@ -23,7 +23,8 @@ def _value(value: Any) -> Any:
     return value
 
 
-Values = Annotated[tuple[Annotated[Any, BeforeValidator(_value)], ...], Field(min_length=1)]
+AnyValues = tuple[Annotated[Any, BeforeValidator(_value)], ...]
+Values = Annotated[AnyValues, Field(min_length=1)]
 
 
 class ErrorMeasure(Table):
@@ -35,11 +36,17 @@ class ErrorMeasure(Table):
     density: Positive | None = Field(
         None, description="particles: l1 difference of mass in cells of this size [m], relative to the mass"
     )
+    front: Literal["x", "y", "z"] | None = Field(
+        None, description="particles: how far along this axis 99% of the mass has come: |q - q_ref| / |q_ref|"
+    )
+    predictions: Literal["probability"] | None = Field(
+        None, description="networks: share of an event's probability that is given to other pairs, mean over the events"
+    )
 
     def problems(self) -> Iterator[Problem]:
         """Yield none, or more than one."""
         if len(self.given()) != 1:
-            yield (), "must have exactly one of diagnostic, history, field, density"
+            yield (), "must have exactly one of " + ", ".join(type(self).model_fields)
 
     def __str__(self) -> str:
         ((kind, what),) = self.given().items()
@@ -48,6 +55,8 @@ class ErrorMeasure(Table):
             "history": f"relative l2 error of {what} over time",
             "field": f"relative rms error of {what} at the end",
             "density": f"relative l1 error of the mass in cells of {what} m",
+            "front": f"relative error of the front in {what} at the end",
+            "predictions": f"error of the {what} of pairs",
         }[kind]
 
 
@@ -72,7 +81,9 @@ class Method(Table):
     name: Text = Field(description="name in picture and table")
     set: dict[str, Any] = Field(default_factory=dict, description="changes of the scene, or settings of the case")
     petsc: dict[str, PetscValue] = Field(default_factory=dict, description="PETSc options, without the dash")
-    values: Values | None = Field(None, description="values of the knob for this method; default: the knob's")
+    values: AnyValues | None = Field(
+        None, description="values of the knob for this method, [] for one that has no such knob; default: the knob's"
+    )
     quick: Values | None = Field(None, description="the same for --quick")
 
     def problems(self) -> Iterator[Problem]:
@@ -157,9 +168,10 @@ class Sweep(Table):
 
     def values_of(self, method: Method, quick: bool) -> tuple[Any, ...]:
         """The knob's values along a line."""
+        own = method.values
         if not quick:
-            return tuple(method.values or self.knob.values)
-        return tuple(method.quick or (method.values or self.knob.quick or self.knob.values)[:2])
+            return self.knob.values if own is None else own
+        return method.quick or (self.knob.quick or self.knob.values if own is None else own)[:2]
 
 
 def load_sweep(path: Path) -> Sweep:
@@ -219,8 +231,9 @@ def _measurable(measure: ErrorMeasure, part: Any) -> Iterator[Problem]:
             yield ("error", "field"), f"belongs to elastic scenes; this one's part is {part}"
         elif measure.field not in POINT_FIELDS:
             yield ("error", "field"), "unknown field at points; " + suggestion(measure.field, POINT_FIELDS)
-    if measure.density is not None and part != "snow":
-        yield ("error", "density"), f"belongs to scenes of snow; this one's part is {part}"
+    for kind, owner in (("density", "snow"), ("front", "snow"), ("predictions", "hawkes")):
+        if getattr(measure, kind) is not None and part != owner:
+            yield ("error", kind), f"belongs to scenes of {owner}; this one's part is {part}"
 
 
 def cases() -> list[str]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..results import FRAMES, HISTORY, read_table
+from ..results import FRAMES, HISTORY, PREDICTIONS, read_table
 from .model import ErrorMeasure
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    Shares = Mapping[tuple[Any, Any, Any], float]  # of event, first, second
+
+FRONT = 0.99  # of the mass
 
 
 def comparison(measure: ErrorMeasure, reference: Path | float) -> Callable[[Path], float]:
@@ -41,6 +46,13 @@ def comparison(measure: ErrorMeasure, reference: Path | float) -> Callable[[Path
     if measure.field is not None:
         field, at = measure.field, Interpolated(*_field(reference, measure.field))
         return lambda run: of_fields(*_field(run, field), at)
+    if measure.front is not None:
+        axis = "xyz".index(measure.front)
+        there = front(*_particles(reference), axis)
+        return lambda run: abs(front(*_particles(run), axis) - there) / abs(there)
+    if measure.predictions is not None:
+        column, shares = measure.predictions, _predictions(reference, measure.predictions)
+        return lambda run: of_shares(_predictions(run, column), shares)
     assert measure.density is not None
     cell, particles = measure.density, _particles(reference)
     return lambda run: of_densities(_particles(run), particles, cell)
@@ -113,6 +125,27 @@ def of_densities(run: tuple[NDArray, NDArray], reference: tuple[NDArray, NDArray
         for i, (_, m) in zip(index, (run, reference))
     )
     return float(np.abs(here - there).sum() / there.sum())
+
+
+def front(positions: NDArray, masses: NDArray, axis: int) -> float:
+    """Coordinate [m] below which FRONT of the mass lies."""
+    order = np.argsort(positions[:, axis])
+    below = np.cumsum(masses[order])
+    return float(positions[order[np.searchsorted(below, FRONT * below[-1])], axis])
+
+
+def of_shares(run: Shares, reference: Shares) -> float:
+    """Total variation ½ Σ |p - p_ref| between the shares of an event's pairs, mean over the events."""
+    missed = sum(abs(run.get(key, 0.0) - reference.get(key, 0.0)) for key in run.keys() | reference.keys())
+    return 0.5 * missed / len({event for event, _, _ in reference})
+
+
+def _predictions(folder: Path, column: str) -> Shares:
+    with open(folder / PREDICTIONS, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    if not rows or column not in rows[0]:
+        raise ValueError(f"{PREDICTIONS} has no column {column}")
+    return {(row["event"], row["first"], row["second"]): float(row[column]) for row in rows}
 
 
 def _history(folder: Path, name: str) -> tuple[NDArray, NDArray]:

@@ -64,6 +64,9 @@ def _converge(axes: Any, study: Mapping[str, Any], name: str, rows: list[Any], s
     if len({row["size"] for row in study["points"] if row["size"]}) < 2:
         key, fitted, label = "value", "error_of_knob", study["knob"][0]
     fit = study["fits"][name].get(fitted)
+    if key == "value" and any(row["value"] is None for row in rows):
+        axes.axhline(rows[0]["error"], **{**style, "marker": ""})
+        return
     if key == "value" and not any(fitted in fits for fits in study["fits"].values()):
         x = [str(row["value"]) for row in rows]
         axes.semilogy(x, [row["error"] for row in rows], **style)

@@ -29,7 +29,7 @@ class Point:
     method : str
         The line it belongs to, "reference" for the reference.
     value : Any
-        Of the knob; None for the reference.
+        Of the knob; None for the reference, and for a method without the knob.
     part : str
         Command that runs it; "" for a case.
     text : str
@@ -59,6 +59,8 @@ class Point:
 
 def plain(value: Any) -> str:
     """A knob's value as people write it."""
+    if value is None:
+        return ""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -76,8 +78,9 @@ def points_of(sweep: Sweep, quick: bool = False, ranks: int = 0) -> list[Point]:
         changes = (reference.quick if quick else None) or reference.set
         points.append(_point(sweep, REFERENCE, None, changes, {}, told))
     for method in sweep.method:
-        for value in sweep.values_of(method, quick):
-            changes = {**flat(method.set), **{key: value for key in sweep.knob.key}}
+        for value in sweep.values_of(method, quick) or (None,):
+            turned = {} if value is None else {key: value for key in sweep.knob.key}
+            changes = {**flat(method.set), **turned}
             points.append(_point(sweep, method.name, value, changes, method.petsc, told))
     return points
 

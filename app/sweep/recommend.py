@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -105,7 +106,7 @@ def _cheapest(study: Study, done: Sequence[Mapping[str, Any]], error: float) -> 
     elif fit is not None and fit["slope"] < 0:
         more = fit["level"] * error ** fit["slope"]
         words += f"; by its slope {percent(error)} would take about {more:.2g} s"
-    raise LookupError(f"{words}; accepted is --error {best['error']:.2g} or more")
+    raise LookupError(f"{words}; accepted is --error {_above(best['error'])} or more")
 
 
 def _best(study: Study, done: Sequence[Mapping[str, Any]], seconds: float) -> Mapping[str, Any]:
@@ -114,7 +115,14 @@ def _best(study: Study, done: Sequence[Mapping[str, Any]], seconds: float) -> Ma
         return min(quick, key=lambda row: row["error"])
     if not done:
         raise LookupError("none of its points has an error")
-    raise LookupError(f"no point took {seconds:g} s or less; accepted is --seconds {done[0]['seconds']:.2g} or more")
+    least = _above(done[0]["seconds"])
+    raise LookupError(f"no point took {seconds:g} s or less; accepted is --seconds {least} or more")
+
+
+def _above(number: float) -> str:
+    """A number in two digits, not below it."""
+    digit = 10.0 ** (math.floor(math.log10(number)) - 1)
+    return f"{math.ceil(number / digit) * digit:.2g}"
 
 
 def _why(

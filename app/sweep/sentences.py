@@ -60,6 +60,8 @@ def _cheapest(study: Mapping[str, Any]) -> Iterator[str]:
 
 def where(study: Mapping[str, Any], row: Mapping[str, Any]) -> str:
     """Method and knob of a point."""
+    if row["value"] is None:
+        return str(row["method"])
     return f"{row['method']} at {study['knob'][0]} = {plain(row['value'])}"
 
 
