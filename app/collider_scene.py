@@ -9,7 +9,7 @@ from pydantic import Field
 
 from .conditions_scene import Axis, Keyframe
 from .scene_common import Where
-from .scene_fields import Boolean, NotNegative, Positive, Problem, Table, Text, Vector, quantity
+from .scene_fields import Boolean, Integer, NotNegative, Positive, Problem, Table, Text, Vector, quantity
 
 SurfaceHeight = Annotated[float | str, quantity(("x", "y"))]
 
@@ -21,6 +21,7 @@ SOLIDS: Keys = {
     "cylinder": (("center", "radius", "length"), ("axis",)),
     "tube": (("center", "radius", "thickness", "length"), ("axis", "flare")),
     "bowl": (("center", "radius", "thickness"), ()),
+    "gear": (("center", "radius", "teeth", "depth"), ("length", "axis")),
     "wedge": (("apex", "width", "height"), ("length", "axis")),
     "text": (("text", "height", "center"), ("thickness",)),
     "height_field": (("low", "high", "surface"), ()),
@@ -30,7 +31,7 @@ COLLIDERS: Keys = {**SOLIDS, "half_space": (("point", "normal"), ()), "level_set
 VECTORS = ("low", "high", "center", "translation", "point", "normal", "apex", "velocity")
 SPACE_ONLY = ("cylinder", "surface")
 # what has no third dimension in the plane, and must have one in space
-THICK = {"wedge": "length", "text": "thickness"}
+THICK = {"wedge": "length", "gear": "length", "text": "thickness"}
 
 
 class Shape(Table):
@@ -41,17 +42,19 @@ class Shape(Table):
 
     low: Vector | None = Field(None, description="box, height_field: corner with the smallest coordinates [m]")
     high: Vector | None = Field(None, description="box, height_field: corner with the largest coordinates [m]")
-    center: Vector | None = Field(None, description="sphere, cylinder, tube, bowl, text: middle [m]")
-    radius: Positive | None = Field(None, description="sphere, cylinder, inside of tube and bowl: radius [m]")
+    center: Vector | None = Field(None, description="sphere, cylinder, tube, bowl, gear, text: middle [m]")
+    radius: Positive | None = Field(None, description="sphere, cylinder, gear, inside of tube, bowl: radius [m]")
     length: Positive | None = Field(
-        None, description="cylinder, tube, wedge: length along its axis or edge [m], of a tube without its mouths"
+        None, description="cylinder, tube, gear, wedge: length along its axis or edge [m], of a tube without mouths"
     )
     axis: Axis | None = Field(
         None,
-        description="cylinder, tube: direction of its axis, default z, of a tube in the plane y; "
+        description="cylinder, tube, gear: direction of its axis, default z, of a tube in the plane y; "
         "wedge: of its edge, default y",
     )
     flare: NotNegative = Field(0.0, description="tube: radius with which both mouths bend outwards [m]")
+    teeth: Annotated[Integer, Field(ge=3)] | None = Field(None, description="gear: number of teeth")
+    depth: Positive | None = Field(None, description="gear: height of its teeth, below the radius [m]")
     apex: Vector | None = Field(None, description="wedge: middle of its upper edge [m]")
     width: Positive | None = Field(None, description="wedge: width of its base [m]")
     height: Positive | None = Field(None, description="wedge: of the edge above its base [m]; text: of all its lines")
@@ -103,6 +106,7 @@ class Collider(Shape):
         "cylinder",
         "tube",
         "bowl",
+        "gear",
         "wedge",
         "text",
         "height_field",

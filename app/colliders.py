@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from extremal.obstacles.colliders import Collider, Contact, Rigid
 from extremal.obstacles.deforming import DeformingLevelSet
+from extremal.obstacles.gear import Gear
 from extremal.obstacles.geometry import BodyError
 from extremal.obstacles.height_field import HeightField
 from extremal.obstacles.hollow import Bowl, Tube
@@ -73,6 +74,8 @@ def shape_of(scene: Scene, table: collider_scene.Shape, d: int) -> Any:
         return Tube(t.center, t.radius, t.thickness, t.length, along, t.flare)
     if t.shape == "bowl":
         return Bowl(t.center, t.radius, t.thickness)
+    if t.shape == "gear":
+        return Gear(t.center, t.radius, t.teeth, t.depth, t.length, (0, 0, 1) if axis is None else axis)
     if t.shape == "half_space":
         return HalfSpace(t.point, t.normal)
     if t.shape == "wedge":

@@ -40,11 +40,11 @@ class Effect:
 
 ELASTIC = ("energy", "residual", "tangent")
 SNOW = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
-PICTURES = ("matplotlib", "extremal.app.summary")
+PICTURES = ("matplotlib", "extremal.app.summary_page", "extremal.app.frames")
 # shapes are those of bodies of snow and of colliders
 OBSTACLES = ("extremal.app.colliders", "extremal.obstacles") + tuple(
     f"extremal.obstacles.{name}"
-    for name in ("colliders", "deforming", "geometry", "height_field", "hollow", "motion", "samples", "shapes")
+    for name in ("colliders", "deforming", "gear", "geometry", "height_field", "hollow", "motion", "samples", "shapes")
 )
 
 EFFECTS = (

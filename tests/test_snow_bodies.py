@@ -7,6 +7,7 @@ import pytest
 
 from extremal.mpm import bodies
 from extremal.mpm.bodies import Box, Cylinder, HeightField, Sphere, SurfaceMesh, Text, Wedge, noise, seed, shell_profile
+from extremal.obstacles.hollow import Bowl, Tube
 from extremal.obstacles.shapes import HalfSpace
 
 REGIONS = {
@@ -15,6 +16,8 @@ REGIONS = {
     "sphere": (Sphere((0.1, 0, -0.2), 0.5), 4 / 3 * np.pi * 0.5**3),
     "disc": (Sphere((0.1, 0), 0.5), np.pi * 0.5**2),
     "cylinder": (Cylinder((0.1, 0.2, 0.3), 0.4, 0.9, (1, 2, -1)), np.pi * 0.4**2 * 0.9),
+    "tube": (Tube((0.1, 0, 0.2), 0.4, 0.2, 0.6, (0, 1, 0)), np.pi * 0.2 * 0.6 + 2 * np.pi**2 * 0.01 * 0.5),
+    "bowl": (Bowl((0.1, 0, 0.2), 0.4, 0.2), 2 / 3 * np.pi * (0.6**3 - 0.4**3) + np.pi**2 * 0.01 * 0.5),
     "wedge": (Wedge((0, 0, 0.3), 0.5, 0.4, 0.8, up=(1, 0, 2)), 0.5 * 0.4 / 2 * 0.8),
     "triangle": (Wedge((0, 0.3), 0.5, 0.4), 0.5 * 0.4 / 2),
     "slope": (HeightField(lambda q: 0.3 + 0.2 * q[:, 0] - 0.1 * q[:, 1], (-0.5, -0.5), (0.5, 0.5)), 0.3),

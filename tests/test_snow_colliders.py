@@ -8,6 +8,7 @@ import pytest
 from extremal.mpm.bodies import BodyError, Box, Cylinder, HeightField, Sphere, Text, Wedge, seed
 from extremal.mpm.colliders import collide
 from extremal.obstacles.colliders import Contact, Rigid
+from extremal.obstacles.gear import Gear
 from extremal.obstacles.hollow import Bowl, Tube
 from extremal.obstacles.motion import RigidMotion
 from extremal.obstacles.shapes import HalfSpace
@@ -25,6 +26,8 @@ SHAPES = {
     "channel": Tube((0.1, -0.1), 0.2, 0.08, 0.6, (1, 0), flare=0.1),
     "bowl": Bowl((0.1, 0, 0.2), 0.5, 0.1),
     "dish": Bowl((0.1, 0.2), 0.4, 0.2),
+    "gear": Gear((0.1, 0, -0.1), 0.5, 8, 0.12, 0.6, (1, 2, -1)),
+    "cog": Gear((0.1, 0.2), 0.6, 11, 0.15),
     "wedge": Wedge((0, 0, 0.3), 0.5, 0.4, 0.8, up=(1, 0, 2)),
     "triangle": Wedge((0, 0.3), 0.5, 0.4),
 }
@@ -173,6 +176,9 @@ def test_a_moving_obstacle_carries_distance_normal_and_bounds_along(name):
         (lambda: RigidMotion([0], rotations=[[1, 0, 0]], dimension=2), "in 2D a rotation is about the z axis"),
         (lambda: Rigid(SHAPES["disc"], motion=tumbling()), "keyframes for 3D move a shape in 2D"),
         (lambda: Contact(-0.1), "friction must be a finite number, 0 or above, got -0.1"),
+        (lambda: Gear((0, 0), 0.5, 5, 0.05), "gear: depth must be above 0.0887 m, for 5 teeth, and below the radius"),
+        (lambda: Bowl((0, 0, 0), 1.0, -0.1), "bowl: thickness must be a finite number above 0, got -0.1"),
+        (lambda: Tube((0, 0, 0), 1.0, 0.1, 1.0, flare=-1), "tube: flare must be a finite number, 0 or above, got -1"),
         (lambda: HalfSpace((0, 0), (0, 0)), "half_space: normal must not be zero"),
     ],
 )
