@@ -47,9 +47,10 @@ test-long: setup-dev
 	$(pytest) -m "long and not hard"
 	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and long and not hard"
 
-# prints how many inputs were refused, how many kills survived, how far ranks differ
+# prints how many inputs were refused, how many kills survived, how far ranks differ, and the figures of the hard cases
 test-hard: setup-dev
-	$(pytest) -m "long and hard"
+	$(pytest) -m hard
+	$(mpirun) -n 2 $(parallel_pytest) -m "mpi and hard"
 
 bench: setup
 	$(python) -m extremal.app study cost

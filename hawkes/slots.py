@@ -77,7 +77,8 @@ class Slots:
             local[(local >= high - low) | (local < 0)] = -1
             known[whole] = local
         part = slice(low, high)
-        coupling = network.branching[part] * network.decay[part]
+        with np.errstate(over="ignore"):  # an energy that is not finite is refused
+            coupling = network.branching[part] * network.decay[part]
         linear, decay = np.empty(len(pair)), np.empty(len(pair))
         background, rate = network.background[part].copy(), network.decay[part].copy()
         scratch = np.empty((2, high - low))

@@ -5,6 +5,7 @@ only would leave the others waiting in a collective call, so the first failure e
 writes to the terminal.
 """
 
+import csv
 import faulthandler
 import gc
 import logging
@@ -133,6 +134,41 @@ def pytest_runtest_makereport(
             _Streams.first_failure.parent.rmdir()
         _world.Abort(1)
     return report
+
+
+@pytest.fixture
+def figures(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Keep figures of a hard case for the record that `-m hard` writes: `figures(energy=0.9)`."""
+
+    def keep(**values: float) -> None:
+        request.node.user_properties.extend(values.items())
+
+    return keep
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Where hard cases alone are run, list what came of them, and write build/hard_cases.csv."""
+    if config.getoption("markexpr") != "hard" or _world.rank > 0:
+        return
+    outcomes = ("passed", "failed", "error", "skipped")
+    reports = [(name, report) for name in outcomes for report in terminalreporter.stats.get(name, ())]
+    rows = [
+        (report.nodeid.partition("/")[2], name, f"{getattr(report, 'duration', 0.0):.2f}", _figures(report))
+        for name, report in reports
+    ]
+    path = _root / "build" / "hard_cases.csv"
+    path.parent.mkdir(exist_ok=True)
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("case", "outcome", "seconds", "figures"), *sorted(rows)])
+    terminalreporter.section("hard cases")
+    for row in sorted(rows):
+        if row[3]:
+            terminalreporter.write_line(f"{row[0]}: {row[1]}, {row[3]}")
+    terminalreporter.write_line(f"all {len(rows)}: {path}")
+
+
+def _figures(report: pytest.TestReport) -> str:
+    return ", ".join(f"{name.replace('_', ' ')} {value:.3g}" for name, value in report.user_properties)
 
 
 @pytest.fixture

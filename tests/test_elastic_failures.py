@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from extremal.forms import Prescribed, StepFailure
 
+pytestmark = pytest.mark.hard
 LAWS = ("neo_hookean", "corotated", "fixed_corotated", "st_venant_kirchhoff", "mooney_rivlin")
 STARTS = {
     "scatter": ("scatter", {"seed": 1}),

@@ -92,26 +92,31 @@ def test_time_may_be_shifted_and_reversed():
     assert np.abs(Energy(mirrored).gradient(x[rows]) - g[rows]).max() < 1e-12
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1e6, 1e12])
-def test_extreme_time_scales_stay_finite_and_certified(scale):
+def test_extreme_time_scales_stay_finite_and_certified(scale, figures):
     net = network(5, decay=0.1 * scale)
     slots = build(SELF, (net, events(net, 60, 1.0, duration=100.0)))
     energy = Energy(slots)
     x = energy.sweep(slots.uniform(), 200)
     g = energy.gradient(x)
     assert np.isfinite(g).all() and (g >= 0).all()
+    figures(relative_gap=energy.gap(x, g) / energy.value(x, g))
     assert energy.gap(x, g) <= 1e-9 * energy.value(x, g)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("branching", [0.999, 5.0, 50.0])
-def test_strong_excitation_is_solved_and_certified(branching):
+def test_strong_excitation_is_solved_and_certified(branching, figures):
     net = network(5, branching=branching)
     slots = build(SELF, (net, events(net, 80, 1.0)))
     energy = Energy(slots)
     x = energy.sweep(slots.uniform(), 4000)
+    figures(relative_gap=energy.gap(x) / energy.value(x))
     assert energy.gap(x) <= 1e-6 * energy.value(x)
 
 
+@pytest.mark.hard
 def test_events_at_one_time_count_each_other_once():
     net = Network.complete(2, 0.1, 0.5, 2.0)
     slots = build(SELF, (net, Events(np.zeros(3), np.array([[0, 1], [0, -1], [-1, -1]]), 1.0)))
@@ -120,6 +125,7 @@ def test_events_at_one_time_count_each_other_once():
     assert Energy(slots).couple(np.ones(2)).tolist() == [1.0, 1.0]
 
 
+@pytest.mark.hard
 def test_events_without_an_admissible_active_pair_are_listed_and_the_rest_have_slots():
     net = network(4)
     idle = np.arange(len(net)) == 0  # agents 1 and 2
@@ -138,6 +144,7 @@ def test_inactive_pairs_have_no_slots():
     assert slots.pair.tolist() == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.hard
 @pytest.mark.mpi
 def test_ranks_without_a_timeline_take_part():
     problem = (net := Network.complete(2, 0.1, 0.5, 1.0), events(net, 10, 1.0, duration=10.0))

@@ -55,6 +55,7 @@ def test_what_cannot_have_happened_has_likelihood_zero():
     assert log_likelihood(net, Events([], np.empty((0, 2)), 3.0)) == 0
 
 
+@pytest.mark.hard
 def test_events_at_equal_times_are_the_limit_of_ever_closer_ones_in_any_order():
     net = network(3, seed=2)
 
@@ -99,6 +100,7 @@ def test_energy_scores_are_the_gradient_at_equal_shares():
     assert np.allclose(energy_scores(slots), Energy(slots).gradient(uniform), rtol=1e-14)
 
 
+@pytest.mark.hard
 def test_example_1_without_background_is_settled_by_the_time_scale():
     """Section 3.2.1: Σ over the pair of the second event of θω e^{-ωΔt}; the first one's background is a limit."""
     ω = np.array([0.01, 0.1, 1.0])
@@ -123,6 +125,7 @@ def test_impossible_allocations_have_score_zero():
     assert first.tolist() == [0, 1] and second.tolist() == [0, 1]
 
 
+@pytest.mark.hard
 def test_one_candidate_and_no_incomplete_event():
     net = Network.complete(2, 0.1, 0.5, 1.0)
     slots = build(SELF, (net, Events([1.0, 2.0], [[0, -1], [0, 1]], 2.0)))
@@ -130,9 +133,10 @@ def test_one_candidate_and_no_incomplete_event():
     assert len(scores_by_enumeration(build(SELF, (net, Events([1.0], [[0, 1]], 2.0))))) == 0
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("θ", [0.0, 0.999, 50.0])
 @pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e3, 1e9, 1e12])
-def test_scales_of_time_do_not_matter(θ, scale):
+def test_scales_of_time_do_not_matter(θ, scale, figures):
     """ω Δt from 1e-12 to 1e12: finite, and the same whatever the unit of time."""
     net = network(4, seed=5)
     net = net.with_parameters(net.background, np.full(len(net), θ), net.decay)
@@ -141,6 +145,7 @@ def test_scales_of_time_do_not_matter(θ, scale):
     other = net.with_parameters(1e6 * net.background, net.branching, 1e6 * net.decay)
     short = Events(1e-6 * stretched.time, known.participants, 1e-6 * stretched.duration)
     found, same = (scores_by_enumeration(build(SELF, p), compensator=True) for p in ((net, stretched), (other, short)))
+    figures(difference=np.abs(found - same).max())
     assert np.allclose(found, same, rtol=0, atol=1e-9)  # rounding of ω Δt in its exponential
     assert np.isfinite(found).all() and found.min() >= 0
 

@@ -94,6 +94,7 @@ def test_what_nothing_explains_is_left_out():
     assert len(gibbs(build(SELF, (net, Events([], np.empty((0, 2)), 1.0))), sweeps=5)) == 0
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("θ", [0.0, 0.999, 50.0])
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1.0, 1e6, 1e12])
 def test_hard_scales_stay_finite(θ, scale):

@@ -125,6 +125,7 @@ def test_shift_of_time_and_names_do_not_matter():
     assert np.allclose(table[mine.column, mine.pair], q, rtol=0, atol=1e-13)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("θ", [0.0, 0.999, 50.0])
 @pytest.mark.parametrize("scale", [1e-12, 1e-6, 1.0, 1e6, 1e12])
 def test_hard_scales_stay_finite(θ, scale):

@@ -34,18 +34,21 @@ def two_events(decay, apart):
     return build(SELF, (net, Events(np.array([0.0, apart]), np.full((2, 2), -1), apart)))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("apart", [0.3, 2.0, 8.0, 20.0])
 @pytest.mark.parametrize("start", [None, 0, 1, 2])
-def test_example_1_finds_the_pair_of_the_nearest_time_scale_from_any_start(apart, start):
+def test_example_1_finds_the_pair_of_the_nearest_time_scale_from_any_start(apart, start, figures):
     """(3.11); every pair is a stationary point in x, one alone is the maximum."""
     decay = np.array([0.05, 0.5, 3.0])
     begin = None if start is None else np.tile(np.eye(3)[start], 2)
     found = reconstruct(two_events(decay, apart), start=begin, gap=1e-10)
     expected = decay * np.exp(-decay * apart)
+    figures(relative_gap=found.relative_gap, iterations=found.iterations)
     assert found.energy == pytest.approx(expected.max(), rel=1e-9)
     assert found.weights.reshape(2, 3).argmax(axis=1).tolist() == [expected.argmax()] * 2
 
 
+@pytest.mark.hard
 def test_a_stationary_point_that_is_no_maximum_is_not_certified():
     decay = np.array([0.05, 0.5, 3.0])
     slots = two_events(decay, 2.0)
@@ -179,6 +182,7 @@ def test_sweeps_alone_do_where_events_are_loosely_coupled():
     assert found.iterations == 0 and found.relative_gap <= 1e-8
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_event_and_one_event(count):
     net = network(4)

@@ -178,6 +178,7 @@ def test_scores_are_diagnostics_and_a_table(tmp_path: Path) -> None:
     assert found["log_loss"] < found["log_loss_guessing"]
 
 
+@pytest.mark.hard
 def test_events_that_no_pair_explains_are_listed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "network.csv").write_text("first,second,background,branching\nA,B,,\nB,C,,\nD,E,0,0\n")
     rows = ["1,A,B", "2,A,C", "3,,D", "4,D,E", "5,B,", "6,,"]
@@ -336,6 +337,7 @@ HARD = {
 }
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", HARD)
 def test_hard_data_are_solved_or_refused_in_a_line(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -12,6 +12,7 @@ from extremal.app.studies import recovery, stability
 from extremal.app.studies._stability_cases import CASES, domains, refusal
 from extremal.app.studies._stability_picture import sentences, table
 
+pytestmark = pytest.mark.hard
 COARSE = 0.34  # [m]: 204 elements
 STILL = [case.name for case in CASES if case.dt is None]
 SHORT = [case.name for case in CASES if case.dt is not None and case.dt < 1]

@@ -10,6 +10,7 @@ from extremal.hawkes.energy import Energy
 from extremal.hawkes.events import Events, Network
 from extremal.hawkes.slots import Slots
 
+pytestmark = pytest.mark.hard
 MU, LAMBDA = 1 / 2.6, 0.3 / (1.3 * 0.4)  # E = 1, ν = 0.3
 
 
