@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import matplotlib
-
-matplotlib.use("Agg")
 
 import numpy as np
 from matplotlib import ticker
@@ -19,8 +14,8 @@ from extremal.hawkes.scores import wilson
 
 from .csv_columns import Columns, read_columns
 from .hawkes_picture import draw_network, draw_timelines
-from .results import CALIBRATION, EVENTS, HISTORY, ITERATIONS, PARAMETERS, PREDICTIONS, RECORD, SCORES, SUMMARY, atomic
-from .summary import columns, say_nothing, worth, write_verdict
+from .results import CALIBRATION, EVENTS, HISTORY, ITERATIONS, PARAMETERS, PREDICTIONS, SCORES, SUMMARY
+from .summary_page import columns, page, say_nothing, worth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,23 +40,17 @@ def draw(folder: Path) -> Path:
     OutputError
         If the picture cannot be written.
     """
-    record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    figure = Figure(figsize=(13.5, 8.0), dpi=95, facecolor="white")
-    figure.text(0.02, 0.968, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
-    write_verdict(figure, record)
     parameters = _table(folder / PARAMETERS)
-    if parameters is None:  # a run that failed has no result
-        _draw_iterations(figure.add_axes((0.09, 0.465, 0.87, 0.42)), columns(folder / ITERATIONS))
-    else:
-        predictions, events = _table(folder / PREDICTIONS), _table(folder / EVENTS)
-        assert events is not None
-        draw_timelines(figure.add_axes((0.09, 0.465, 0.545, 0.42)), events, predictions, parameters, _unit(record))
-        draw_network(figure.add_axes((0.66, 0.42, 0.335, 0.50)), parameters)
-    _draw_row(figure, folder, record, parameters)
-    path = folder / SUMMARY
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png")
-    return path
+    with page(folder, height=8.0, dpi=95) as (figure, record):
+        if parameters is None:  # a run that failed has no result
+            _draw_iterations(figure.add_axes((0.09, 0.465, 0.87, 0.42)), columns(folder / ITERATIONS))
+        else:
+            predictions, events = _table(folder / PREDICTIONS), _table(folder / EVENTS)
+            assert events is not None
+            draw_timelines(figure.add_axes((0.09, 0.465, 0.545, 0.42)), events, predictions, parameters, _unit(record))
+            draw_network(figure.add_axes((0.66, 0.42, 0.335, 0.50)), parameters)
+        _draw_row(figure, folder, record, parameters)
+    return folder / SUMMARY
 
 
 def _table(path: Path) -> Columns | None:

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
-
-import matplotlib
-
-matplotlib.use("Agg")
 
 import numpy as np
 from matplotlib import ticker
 from matplotlib.figure import Figure
 
-from .colliders import colliders
-from .errors import InputError
-from .results import HISTORY, RECORD, SCENE, SERIES, SUMMARY, atomic
-from .scene import read_toml, validate
+from .frames import frame_list, read_points
+from .results import HISTORY, SUMMARY
+from .scenery import recorded_colliders
 from .snow_picture import choose_view, draw_plane, draw_space
-from .summary import columns, say_nothing, worth, write_verdict
+from .summary_page import columns, page, say_nothing, worth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,23 +40,15 @@ def draw(folder: Path) -> Path:
     OutputError
         If the picture cannot be written.
     """
-    record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     history = columns(folder / HISTORY)
-    figure = Figure(figsize=(13.5, 6.4), dpi=110, facecolor="white")
-    figure.text(0.02, 0.955, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
-    write_verdict(figure, record)
     frames = first_and_last(folder)
-    if frames:
-        _draw_pictures(figure, stage(record, folder), frames)
-    left = 0.70
-    top = figure.add_axes((left, 0.55, 0.96 - left, 0.31))
-    bottom = figure.add_axes((left, 0.13, 0.96 - left, 0.31))
-    _draw_energies(top, history)
-    _draw_work(bottom, history)
-    path = folder / SUMMARY
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png")
-    return path
+    with page(folder) as (figure, record):
+        if frames:
+            _draw_pictures(figure, stage(record, folder), frames)
+        left = 0.70
+        _draw_energies(figure.add_axes((left, 0.55, 0.96 - left, 0.31)), history)
+        _draw_work(figure.add_axes((left, 0.13, 0.96 - left, 0.31)), history)
+    return folder / SUMMARY
 
 
 @dataclass(frozen=True)
@@ -73,14 +58,6 @@ class Frame:
     title: str
     time: float
     points: NDArray[Any]  # (n, 3) [m]
-
-
-def frame_list(folder: Path) -> list[tuple[float, str]]:
-    """Return times [s] and files of the frames that exist."""
-    if not (folder / SERIES).exists():
-        return []
-    index = ElementTree.parse(folder / SERIES)
-    return [(float(entry.get("timestep", 0)), entry.get("file", "")) for entry in index.iter("DataSet")]
 
 
 def read_frame(folder: Path, entry: tuple[float, str]) -> Frame:
@@ -103,13 +80,6 @@ def overall_bounds(folder: Path) -> NDArray[Any]:
     return np.array([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
 
 
-def read_points(path: Path) -> NDArray[Any]:
-    """Return the particles' positions (n, 3) [m] in a frame."""
-    import meshio
-
-    return np.asarray(meshio.vtu.read(str(path)).points, dtype=float)
-
-
 @dataclass(frozen=True)
 class Stage:
     """What a picture needs to know of the scene: spacing of particles [m], obstacles, dimension, where up is."""
@@ -129,17 +99,7 @@ def stage(record: Mapping[str, Any], folder: Path) -> Stage:
     weight = float(np.linalg.norm(acceleration))
     up = -acceleration / weight if weight else np.eye(3)[d - 1]
     spacing = h / max(body["per_cell"] for body in plain["body"]) ** (1 / d)
-    return Stage(spacing, _colliders(record, folder), d, up)
-
-
-def _colliders(record: Mapping[str, Any], folder: Path) -> list[Any]:
-    try:
-        scene = validate(read_toml(folder / SCENE))
-        # files are beside the scene, not beside the results
-        scene._path = Path(record["scene_file"])
-        return colliders(scene, scene.collider, scene.dimension)
-    except (InputError, KeyError, TypeError):
-        return []  # a picture without obstacles is better than none
+    return Stage(spacing, recorded_colliders(record, folder, d), d, up)
 
 
 def _draw_pictures(figure: Figure, seen: Stage, frames: list[Frame]) -> None:

@@ -2,55 +2,37 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree
 
 import matplotlib
-
-matplotlib.use("Agg")
-
 import numpy as np
 from matplotlib import colors, ticker
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from .results import HISTORY, ITERATIONS, RECORD, SERIES, SUMMARY, Series, atomic, read_table
+from .frames import Shape, frame_list, read_shape
+from .results import HISTORY, ITERATIONS, SUMMARY
+from .summary_page import columns, page, say_nothing, worth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from extremal.obstacles.colliders import Collider
+
 INVERTED = "#d62728"
-GOOD, DOUBTFUL, BAD = "#2e7d32", "#b26a00", "#b71c1c"
 # viridis has no red, so an inverted element cannot be taken for a stretched one
 STRETCH = matplotlib.colormaps["viridis"]
+OBSTACLE = "#9aa3ad"
+OBSTACLE_CELLS = 26  # facets that are drawn one by one must be few
+# A smallest stretch in between that is less than this part of those at start and end deserves a picture.
+SQUEEZED = 0.8
 LIGHT = np.array([0.36, -0.48, 0.8])
 # Beyond so many facets their edges would hide the colours.
 EDGES_UP_TO = 6000
 # Up to so many steps the solver's iterations tell more than the steps do.
 FEW_STEPS = 3
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What is seen of a frame: deformed facets (f, corners, 3) [m], value and inversion of their cells."""
-
-    facets: NDArray[Any]
-    values: NDArray[Any]
-    inverted: NDArray[Any]
-    quantity: str
-    planar: bool
-
-    @property
-    def corners(self) -> NDArray[Any]:
-        """Smallest and largest coordinates, shape (2, 3)."""
-        points = self.facets.reshape(-1, 3)
-        return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 def draw(folder: Path) -> Path:
@@ -61,100 +43,66 @@ def draw(folder: Path) -> Path:
     OutputError
         If the picture cannot be written.
     """
-    record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     history = columns(folder / HISTORY)
     iterations = columns(folder / ITERATIONS)
     shapes = _shapes(folder, history)
-
-    figure = Figure(figsize=(13.5, 6.4), dpi=110, facecolor="white")
-    figure.text(0.02, 0.955, record["title"] or record["part"], fontsize=15, weight="bold", va="center")
-    write_verdict(figure, record)
-    left = 0.66 if shapes else 0.08
-    if shapes:
-        _draw_shapes(figure, shapes)
-    top = figure.add_axes((left, 0.55, 0.95 - left, 0.31))
-    bottom = figure.add_axes((left, 0.13, 0.95 - left, 0.31))
-    few_steps = record["steps"] <= FEW_STEPS and len(iterations.get("total", ())) > 1
-    if few_steps:
-        _draw_histories(top, bottom, iterations, "total", "solver iteration", history)
-    else:
-        _draw_histories(top, bottom, history, "time", "time [s]", history)
-    path = folder / SUMMARY
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png")
-    return path
-
-
-def columns(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the columns of a table, empty entries as not-a-number; none where there is no file."""
-    if not path.exists():
-        return {}
-    names, rows = read_table(path)
-    return {name: np.array([row.get(name, math.nan) for row in rows]) for name in names}
+    with page(folder) as (figure, record):
+        left = 0.66 if shapes else 0.08
+        if shapes:
+            _draw_shapes(figure, shapes, _obstacles(record, folder, 2 if shapes[0][2].planar else 3))
+        top = figure.add_axes((left, 0.55, 0.95 - left, 0.31))
+        bottom = figure.add_axes((left, 0.13, 0.95 - left, 0.31))
+        few_steps = record["steps"] <= FEW_STEPS and len(iterations.get("total", ())) > 1
+        if few_steps:
+            _draw_histories(top, bottom, iterations, "total", "solver iteration", history)
+        else:
+            _draw_histories(top, bottom, history, "time", "time [s]", history)
+    return folder / SUMMARY
 
 
 # ---------------------------------------------------------------------- shapes
 
 
-def _shapes(folder: Path, history: Mapping[str, NDArray[Any]]) -> list[tuple[str, Shape]]:
-    """Return the titles and shapes of the first and the last frame that exist.
+def _shapes(folder: Path, history: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, Shape]]:
+    """Return the titles, times and shapes of the first and the last frame that exist.
 
-    Where elements were inverted in between only, the frame nearest to the worst step comes between them.
+    Where elements were inverted in between only, or much more squeezed than at both ends, the frame nearest to the
+    worst step comes between them.
     """
-    count = sum(1 for _ in (folder / Series.name(0)).parent.glob("frame_*.vtu"))
-    wanted = {0: "before", count - 1: "after"} if count > 1 else {0: "start"}
-    inverted = history.get("inverted", np.zeros(0))
-    if count > 2 and len(inverted) and inverted[0] == inverted[-1] == 0 < inverted.max():
-        times = [float(entry.get("timestep", 0)) for entry in ElementTree.parse(folder / SERIES).iter("DataSet")]
-        worst = np.argmin(history.get("smallest_J", -inverted))
-        middle = int(np.argmin(np.abs(np.array(times) - history["time"][worst])))
+    frames = [(time, folder / file) for time, file in frame_list(folder) if (folder / file).exists()]
+    count = len(frames)
+    wanted = {0: "before", count - 1: "after"} if count > 1 else {0: "start"} if count else {}
+    worst = _worst_step(history) if count > 2 else None
+    if worst is not None:
+        times = np.array([time for time, _ in frames])
+        middle = int(np.argmin(np.abs(times - history["time"][worst])))
         if 0 < middle < count - 1:
             wanted = {0: "before", middle: f"time {times[middle]:.3g}", count - 1: "after"}
-    paths = {title: folder / Series.name(index) for index, title in wanted.items()}
-    return [(title, _read_shape(path)) for title, path in paths.items() if path.exists()]
+    return [(title, frames[index][0], read_shape(frames[index][1])) for index, title in wanted.items()]
 
 
-def _read_shape(path: Path) -> Shape:
-    import meshio
-
-    mesh = meshio.vtu.read(str(path))
-    block = mesh.cells[0]
-    data = {name: values[0] for name, values in mesh.cell_data.items()}
-    deformed = mesh.points + mesh.point_data.get("displacement", np.zeros_like(mesh.points))
-    cells = np.asarray(block.data)
-    planar = block.type.startswith("triangle")
-    if block.type.startswith("tetra"):
-        nodes, owner = boundary_facets(cells[:, :4])
-    elif planar:
-        nodes, owner = cells[:, :3], np.arange(len(cells))
-    else:  # particles and the like: a point is its own facet
-        nodes, owner = cells[:, :1], np.arange(len(cells))
-    quantity = next((name for name in ("smallest_stretch", "J") if name in data), "")
-    values = data[quantity][owner] if quantity else np.ones(len(owner))
-    inverted = data["inverted"][owner] > 0 if "inverted" in data else values < 0
-    return Shape(deformed[nodes], values, inverted, quantity.replace("_", " "), planar)
+def _worst_step(history: Mapping[str, NDArray[Any]]) -> int | None:
+    """Row of the step that neither the start nor the end gives an idea of."""
+    inverted, stretch = (history.get(name, np.zeros(0)) for name in ("inverted", "smallest_stretch"))
+    if len(inverted) and inverted[0] == inverted[-1] == 0 < inverted.max():
+        return int(np.argmin(history.get("smallest_J", -inverted)))
+    if len(stretch) and np.nanmin(stretch) < SQUEEZED * min(stretch[0], stretch[-1]):
+        return int(np.nanargmin(stretch))
+    return None
 
 
-def boundary_facets(cells: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the facets (f, 3) that belong to one tetrahedron only, and that tetrahedron of each (f,)."""
-    facets = cells[:, FACES].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(facets, axis=1), axis=0, return_index=True, return_counts=True)
-    outside = np.sort(first[count == 1])
-    return facets[outside], outside // 4
-
-
-def _draw_shapes(figure: Figure, shapes: list[tuple[str, Shape]]) -> None:
+def _draw_shapes(figure: Figure, shapes: list[tuple[str, float, Shape]], obstacles: Sequence[Collider]) -> None:
     # rest is 1; scattered elements beyond the end of the scale are no news
-    scale = colors.Normalize(0.0, max(1.25, float(np.nanpercentile(shapes[-1][1].values, 98))))
-    extents = [np.ptp(shape.corners, axis=0).max() for _, shape in shapes]
-    all_corners = np.array([shape.corners for _, shape in shapes])
+    scale = colors.Normalize(0.0, max(1.25, float(np.nanpercentile(shapes[-1][2].values, 98))))
+    extents = [np.ptp(shape.corners, axis=0).max() for *_, shape in shapes]
+    all_corners = np.array([shape.corners for *_, shape in shapes])
     together = np.array([all_corners[:, 0].min(axis=0), all_corners[:, 1].max(axis=0)])
     # one scale for both, unless one would become a speck
     shared = max(extents) <= 2.5 * min(extents) and np.ptp(together, axis=0).max() <= 2.5 * min(extents)
     number = len(shapes)
     wide, high = np.ptp(together, axis=0)[:2]
-    stacked = shapes[0][1].planar and wide > 1.3 * high
-    for i, (title, shape) in enumerate(shapes):
+    stacked = shapes[0][2].planar and wide > 1.3 * high
+    for i, (title, time, shape) in enumerate(shapes):
         bounds = together if shared else shape.corners
         if stacked:
             height = 0.69 / number
@@ -166,7 +114,7 @@ def _draw_shapes(figure: Figure, shapes: list[tuple[str, Shape]]) -> None:
             x, top = 0.005 + i * width, 0.885
             place = (x + 0.03, 0.21, width - 0.04, 0.63) if shape.planar else (x, 0.17, width, 0.71)
             axes = figure.add_axes(place, projection=None if shape.planar else "3d")
-        (_draw_plane if shape.planar else _draw_solid)(axes, shape, bounds, scale)
+        (_draw_plane if shape.planar else _draw_solid)(axes, shape, bounds, scale, obstacles, time)
         if stacked and i < number - 1:
             axes.set_xlabel("")  # the one below says it
         count = int(shape.inverted.sum())
@@ -175,11 +123,11 @@ def _draw_shapes(figure: Figure, shapes: list[tuple[str, Shape]]) -> None:
         figure.text(
             x + width / 2, top, words, ha="center", fontsize=11, color=INVERTED if count else "black"
         )
-    if shapes[0][1].quantity:
+    if shapes[0][2].quantity:
         bar = figure.add_axes((0.13, 0.145, 0.28, 0.018))
         mappable = matplotlib.cm.ScalarMappable(scale, STRETCH)
         figure.colorbar(mappable, cax=bar, orientation="horizontal", extend="max")
-        bar.set_xlabel(shapes[0][1].quantity, fontsize=9)
+        bar.set_xlabel(shapes[0][2].quantity, fontsize=9)
         bar.tick_params(labelsize=8)
         figure.text(0.43, 0.154, "■", color=INVERTED, va="center", fontsize=13)
         figure.text(0.447, 0.154, "inverted", va="center", fontsize=9)
@@ -191,7 +139,14 @@ def _face_colors(shape: Shape, scale: colors.Normalize) -> NDArray[Any]:
     return rgba
 
 
-def _draw_plane(axes: Any, shape: Shape, bounds: NDArray[Any], scale: colors.Normalize) -> None:
+def _draw_plane(
+    axes: Any,
+    shape: Shape,
+    bounds: NDArray[Any],
+    scale: colors.Normalize,
+    obstacles: Sequence[Collider],
+    time: float,
+) -> None:
     from matplotlib.collections import PolyCollection
 
     edges = 0.3 if len(shape.facets) <= EDGES_UP_TO else 0.0
@@ -204,26 +159,46 @@ def _draw_plane(axes: Any, shape: Shape, bounds: NDArray[Any], scale: colors.Nor
         linewidths=edges,
     )
     axes.add_collection(polygons)
-    margin = 0.03 * np.ptp(bounds, axis=0).max()
-    axes.set_xlim(bounds[0, 0] - margin, bounds[1, 0] + margin)
-    axes.set_ylim(bounds[0, 1] - margin, bounds[1, 1] + margin)
+    margin = (0.1 if obstacles else 0.03) * np.ptp(bounds, axis=0).max()
+    low, high = bounds[0] - margin, bounds[1] + margin
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    x, y = (np.linspace(low[k], high[k], 240) for k in range(2))
+    nodes = np.stack(np.meshgrid(x, y), axis=-1)
+    for obstacle in obstacles:
+        phi = obstacle.distance(nodes.reshape(-1, 2), time).reshape(nodes.shape[:2])
+        axes.contourf(x, y, phi, levels=[-np.inf, 0.0], colors=[OBSTACLE])
     axes.set_aspect("equal")
     axes.tick_params(labelsize=8)
     axes.set_xlabel("x [m]", fontsize=8)
 
 
-def _draw_solid(axes: Any, shape: Shape, bounds: NDArray[Any], scale: colors.Normalize) -> None:
+def _draw_solid(
+    axes: Any,
+    shape: Shape,
+    bounds: NDArray[Any],
+    scale: colors.Normalize,
+    obstacles: Sequence[Collider],
+    time: float,
+) -> None:
     rgba = _face_colors(shape, scale)
     if shape.facets.shape[1] < 3:
         axes.scatter(*shape.facets[:, 0].T, c=rgba, s=2)
     else:
-        normals = np.cross(shape.facets[:, 1] - shape.facets[:, 0], shape.facets[:, 2] - shape.facets[:, 0])
-        lengths = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
-        light = 0.62 + 0.38 * np.abs(normals @ LIGHT) / lengths
-        rgba[:, :3] *= light[:, None]
-        edges = 0.25 if len(shape.facets) <= EDGES_UP_TO else 0.0
+        rgba[:, :3] *= _light(shape.facets)[:, None]
+        edges = np.full((len(rgba), 4), (0.1, 0.1, 0.1, 0.6 if len(rgba) <= EDGES_UP_TO else 0.0))
+        margin = 0.1 * np.ptp(bounds, axis=0).max()
+        around = _obstacle_facets(obstacles, time, np.array([bounds[0] - margin, bounds[1] + margin]))
+        glass = np.tile(colors.to_rgba(OBSTACLE, 0.3), (len(around), 1))
+        glass[:, :3] *= _light(around)[:, None]
+        # one collection: its facets are drawn from the farthest to the nearest
         axes.add_collection3d(
-            Poly3DCollection(shape.facets, facecolors=rgba, edgecolors=(0.1, 0.1, 0.1, 0.6), linewidths=edges)
+            Poly3DCollection(
+                np.concatenate([shape.facets, around]),
+                facecolors=np.concatenate([rgba, glass]),
+                edgecolors=np.concatenate([edges, np.zeros((len(glass), 4))]),
+                linewidths=0.25,
+            )
         )
     # a flat body (collapsed, say) still needs a box of some depth
     size = np.ptp(bounds, axis=0)
@@ -240,6 +215,32 @@ def _draw_solid(axes: Any, shape: Shape, bounds: NDArray[Any], scale: colors.Nor
         axis.set_label_text(name, fontsize=8)
         axis.labelpad = -5
     axes.tick_params(labelsize=7, pad=-2)
+
+
+def _light(facets: NDArray[Any]) -> NDArray[Any]:
+    """How bright facets (f, 3, 3) are, (f,)."""
+    normals = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+    return 0.62 + 0.38 * np.abs(normals @ LIGHT) / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
+
+
+def _obstacles(record: Mapping[str, Any], folder: Path, dimension: int) -> Sequence[Collider]:
+    if not record["scene"].get("collider"):
+        return ()
+    from .scenery import recorded_colliders  # brings what makes obstacles
+
+    return recorded_colliders(record, folder, dimension)
+
+
+def _obstacle_facets(obstacles: Sequence[Collider], time: float, window: NDArray[Any]) -> NDArray[Any]:
+    """Facets (f, 3, 3) [m] of what is seen of obstacles in a window (2, 3)."""
+    if not obstacles:
+        return np.zeros((0, 3, 3))
+    from .scenery import Scenery
+
+    surfaces = Scenery(obstacles, window, OBSTACLE_CELLS).at(time)
+    facets = np.concatenate([np.zeros((0, 3, 3)), *(surface.points[surface.triangles] for surface in surfaces)])
+    middle = facets.mean(axis=1)
+    return facets[((middle >= window[0]) & (middle <= window[1])).all(axis=1)]
 
 
 # ---------------------------------------------------------------------- histories
@@ -301,13 +302,6 @@ def _draw_histories(
             axes.set_xlim(x[0], x[-1])
 
 
-def worth(table: Mapping[str, NDArray[Any]], name: str, zero: bool = False) -> bool:
-    """Tell whether a column has anything to show: a number, and (unless `zero`) not only zeros."""
-    values = table.get(name, np.zeros(0))
-    finite = values[np.isfinite(values)]
-    return len(finite) > 0 and (zero or bool(np.any(finite != 0)))
-
-
 def _logarithmic_if_wide(axes: Any, values: NDArray[Any]) -> None:
     finite = values[np.isfinite(values)]
     positive = finite[finite > 0]
@@ -316,56 +310,3 @@ def _logarithmic_if_wide(axes: Any, values: NDArray[Any]) -> None:
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(positive.min(), 1e-16 * positive.max()) / 2)
         axes.yaxis.set_major_locator(ticker.LogLocator(numticks=6))
-
-
-def say_nothing(axes: Any, words: str) -> None:
-    """Write `words` where there is nothing to plot."""
-    axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="center", color="0.5", fontsize=9)
-
-
-# ---------------------------------------------------------------------- verdict
-
-
-def verdict(record: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Return a headline, what stands below it, and their colour."""
-    found = record["diagnostics"]
-    inverted = found.get("inverted")
-    missed = [entry for entry in record.get("expect", ()) if not entry["met"]]
-    words = [record["status"].upper()]
-    if inverted is not None:
-        words.append("no inverted element" if inverted == 0 else f"{inverted:,.0f} INVERTED")
-    if "particles" in found:
-        words.append(_count(found["particles"], "particle"))
-    if "smallest_stretch" in found:
-        words.append(f"smallest stretch {float(found['smallest_stretch']):.3g}")
-    words.append(_count(record["solver_iterations"]["total"], "solver iteration"))
-    words.append(_count(record["steps"], "step"))
-    words.append(f"{record['wall_seconds']:.3g} s")
-    words.append(_count(record["ranks"], "rank"))
-    second = record["reason"]
-    if record.get("expect"):
-        kept = len(record["expect"]) - len(missed)
-        text = f"{kept} of {_count(len(record['expect']), 'expectation')} met"
-        named = "; ".join(f"{e['name']} {e['wanted']}, found {_short(e['found'])}" for e in missed[:3])
-        second = "; ".join(part for part in (second, text + (f". Missed: {named}" if named else "")) if part)
-    if record["status"] != "finished":
-        color = BAD
-    else:
-        color = DOUBTFUL if missed or inverted else GOOD
-    return "  ·  ".join(words), second, color
-
-
-def _count(number: float, noun: str) -> str:
-    return f"{number:,.0f} {noun}" + ("" if number == 1 else "s")
-
-
-def _short(found: Any) -> str:
-    return f"{found:.4g}" if isinstance(found, float) else str(found)
-
-
-def write_verdict(figure: Figure, record: Mapping[str, Any]) -> None:
-    """Write the verdict at the bottom of the figure."""
-    headline, second, color = verdict(record)
-    figure.text(0.02, 0.055, headline, fontsize=11.5, weight="bold", color=color, va="center")
-    if second:
-        figure.text(0.02, 0.02, second[:190], fontsize=9, color=color, va="center")

@@ -81,6 +81,7 @@ def test_an_effect_alone_adds_its_own_events_and_libraries_only(
 
 
 SAME_PICTURE = {
+    ("elastic", "summary"): {"extremal.app.summary"},
     ("snow", "summary"): {"extremal.app.snow_summary", "extremal.app.snow_picture"},
     ("hawkes", "summary"): {"extremal.app.hawkes_summary", "extremal.app.hawkes_picture"},
 }

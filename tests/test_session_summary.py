@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fake_problem import FakeProblem, box_of_tetrahedra, scene
 
-from extremal.app import session, summary
+from extremal.app import frames, session, summary, summary_page
 
 
 def draw(comm, folder, problem: FakeProblem | None = None, **tables):
@@ -17,7 +17,7 @@ def draw(comm, folder, problem: FakeProblem | None = None, **tables):
 
 def test_boundary_of_a_box_is_closed_and_encloses_its_volume():
     points, cells, _ = box_of_tetrahedra(3)
-    facets, owner = summary.boundary_facets(cells)
+    facets, owner = frames.boundary_facets(cells)
     assert len(facets) == 6 * 9 * 2
     assert all(set(facet) <= set(cells[cell]) for facet, cell in zip(facets, owner, strict=True))
     a, b, c = points[facets].transpose(1, 0, 2)
@@ -71,18 +71,18 @@ def test_the_verdict_is_good_only_when_nothing_is_inverted_and_nothing_missed():
         "status": "finished", "reason": "", "steps": 1, "ranks": 2, "wall_seconds": 12.345,
         "diagnostics": {"inverted": 0.0, "smallest_stretch": 0.987654}, "solver_iterations": {"total": 55},
     }  # fmt: skip
-    words, second, color = summary.verdict(record)
+    words, second, color = summary_page.verdict(record)
     assert words == (
         "FINISHED  ·  no inverted element  ·  smallest stretch 0.988  ·  55 solver iterations  ·  1 step"
         "  ·  12.3 s  ·  2 ranks"
     )
-    assert (second, color) == ("", summary.GOOD)
-    assert summary.verdict(record | {"diagnostics": {"inverted": 3.0}})[2] == summary.DOUBTFUL
+    assert (second, color) == ("", summary_page.GOOD)
+    assert summary_page.verdict(record | {"diagnostics": {"inverted": 3.0}})[2] == summary_page.DOUBTFUL
     missed = [{"name": "energy", "wanted": "< 1", "found": 2.0, "met": False}]
-    words, second, color = summary.verdict(record | {"expect": missed})
+    words, second, color = summary_page.verdict(record | {"expect": missed})
     assert second == "0 of 1 expectation met. Missed: energy < 1, found 2"
-    assert color == summary.DOUBTFUL
-    assert summary.verdict(record | {"status": "failed", "reason": "why"})[1:] == ("why", summary.BAD)
+    assert color == summary_page.DOUBTFUL
+    assert summary_page.verdict(record | {"status": "failed", "reason": "why"})[1:] == ("why", summary_page.BAD)
 
 
 def test_no_plotting_library_is_loaded_unless_a_summary_is_asked_for(launch, tmp_path):
@@ -103,17 +103,18 @@ def test_a_missing_plotting_library_costs_the_picture_only(comm, tmp_path, monke
 
 
 def test_the_worst_frame_is_shown_where_elements_were_inverted_in_between_only(tmp_path, monkeypatch):
-    entries = "".join(f'<DataSet timestep="{time}"/>' for time in (0.0, 0.5, 1.0, 2.0))
+    names = [f"fields/frame_{index:05d}.vtu" for index in range(4)]
+    entries = "".join(f'<DataSet timestep="{time}" file="{file}"/>' for time, file in zip((0.0, 0.5, 1.0, 2.0), names))
     (tmp_path / "fields.pvd").write_text(f"<VTKFile><Collection>{entries}</Collection></VTKFile>")
     (tmp_path / "fields").mkdir()
-    for index in range(4):
-        (tmp_path / summary.Series.name(index)).touch()
-    monkeypatch.setattr(summary, "_read_shape", lambda path: path.name)
+    for name in names:
+        (tmp_path / name).touch()
+    monkeypatch.setattr(summary, "read_shape", lambda path: path.name)
     time = np.array([0.0, 0.5, 0.6, 1.0, 2.0])
 
     def shown(inverted: list[float]) -> list[str]:
         history = {"time": time, "inverted": np.array(inverted), "smallest_J": 1 - np.array(inverted)}
-        return [title for title, _ in summary._shapes(tmp_path, history)]
+        return [title for title, *_ in summary._shapes(tmp_path, history)]
 
     assert shown([0, 1, 3, 2, 0]) == ["before", "time 0.5", "after"]
     assert shown([5, 1, 3, 2, 0]) == ["before", "after"]
