@@ -9,6 +9,7 @@ from .check import check_mesh, repair
 from .creature import creature
 from .curved import cylinder, sphere, torus, tube
 from .data import MeshData, MeshError
+from .fish import fish
 from .generate import SHAPES, boundary_names, generate
 from .read import read_mesh
 from .simplices import simplex, tetrahedron, triangle
@@ -29,6 +30,7 @@ __all__ = [
     "creature",
     "cylinder",
     "distribute",
+    "fish",
     "generate",
     "mattress",
     "read_mesh",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .data import MeshData
+from .fused import CLOSE, fuse, polygon
 from .gmsh_model import limit_cells, mesh_model, session
 from .parameters import among, cell_size_within, positive
 
@@ -19,7 +20,6 @@ LEG, LEGS_AT = 0.08, ((0.25, 0.1), (0.25, -0.1), (-0.25, 0.1), (-0.25, -0.1))
 TAIL = ((-0.33, 0.0, 0.68), (-0.5, 0.0, 0.36), 0.08, 0.05)  # start, direction and length, radii
 EARS_AT, EAR = ((0.5, 0.09, 0.98), (0.5, -0.09, 0.98)), ((-0.02, 0.07, 0.26), 0.08, 0.04)
 SMALLEST = 2 * LEG
-NAMES = ("feet", "legs", "head", "ears", "tail", "trunk")
 
 
 def creature(size: float = 1.0, cell_size: float = 0.1, dimension: int = 3, order: int = 1) -> MeshData:
@@ -47,13 +47,10 @@ def creature(size: float = 1.0, cell_size: float = 0.1, dimension: int = 3, orde
     h = cell_size_within("creature", cell_size, s * SMALLEST, "thickness of its legs")
     limit_cells("creature", (0.18 if d == 3 else 0.75) * s**d, h, d)
     with session() as gmsh:
-        parts = (_solids if d == 3 else _silhouette)(gmsh)
-        boxes = {n: [gmsh.model.occ.getBoundingBox(d, tag) for tag in tags] for n, tags in parts.items()}
-        every = [(d, tag) for tags in parts.values() for tag in tags]
-        gmsh.option.setNumber("Geometry.OCCUnionUnify", 0)
-        gmsh.model.occ.fuse(every[:1], every[1:])
-        gmsh.model.occ.synchronize()
-        data = mesh_model(gmsh, "creature", h / s, order, d, _names(gmsh, d, boxes))
+        names = fuse(gmsh, d, (_solids if d == 3 else _silhouette)(gmsh))
+        feet = [tag for tag in names["legs"] if gmsh.model.occ.getBoundingBox(d - 1, tag)[2 + d] < CLOSE]
+        names |= {"feet": feet, "legs": [tag for tag in names["legs"] if tag not in feet]}
+        data = mesh_model(gmsh, "creature", h / s, order, d, names)
     return replace(data, points=data.points * s)
 
 
@@ -64,11 +61,11 @@ def _solids(gmsh: Any) -> dict[str, list[int]]:
     (tail_at, tail, thick, thin), (ear, wide, narrow) = TAIL, EAR
     mirrored = [(ear[0], math.copysign(ear[1], y), ear[2]) for _, y, _ in EARS_AT]
     return {
-        "trunk": [trunk],
-        "head": [occ.addSphere(*HEAD_AT, HEAD)],
         "legs": [occ.addCylinder(x, y, 0, 0, 0, TRUNK_AT[2], LEG) for x, y in LEGS_AT],
-        "tail": [occ.addCone(*tail_at, *tail, thick, thin)],
         "ears": [occ.addCone(*at, *to, wide, narrow) for at, to in zip(EARS_AT, mirrored, strict=True)],
+        "tail": [occ.addCone(*tail_at, *tail, thick, thin)],
+        "head": [occ.addSphere(*HEAD_AT, HEAD)],
+        "trunk": [trunk],
     }
 
 
@@ -85,38 +82,18 @@ def _silhouette(gmsh: Any) -> dict[str, list[int]]:
             a + along - narrow * across,
             a + along + narrow * across,
         ]
-        corners = [occ.addPoint(*end, 0) for end in ends]
-        lines = [occ.addLine(p, q) for p, q in zip(corners, corners[1:] + corners[:1], strict=True)]
-        return int(occ.addPlaneSurface([occ.addCurveLoop(lines)]))
+        return polygon(gmsh, [tuple(end) for end in ends])
 
     legs = [x + shift for x in (0.25, -0.25) for shift in (-0.11, 0.11)]
     ear, wide, narrow = EAR
     return {
-        "trunk": [occ.addDisk(TRUNK_AT[0], TRUNK_AT[2], 0, TRUNK[0], TRUNK[2])],
-        "head": [occ.addDisk(HEAD_AT[0], HEAD_AT[2], 0, HEAD, HEAD)],
         "legs": [occ.addRectangle(x - LEG, 0, 0, 2 * LEG, TRUNK_AT[2]) for x in legs],
-        "tail": [cone(*TAIL)],
         "ears": [
             cone((at, 0, EARS_AT[0][2]), (lean, 0, ear[2]), wide, narrow)
             for at, lean in ((HEAD_AT[0] - 0.1, -0.06), (HEAD_AT[0] + 0.1, 0.06))
         ],
+        "tail": [cone(*TAIL)],
+        "head": [occ.addDisk(HEAD_AT[0], HEAD_AT[2], 0, HEAD, HEAD)],
+        "trunk": [occ.addDisk(TRUNK_AT[0], TRUNK_AT[2], 0, TRUNK[0], TRUNK[2])],
     }
 
-
-def _names(gmsh: Any, d: int, boxes: dict[str, list[tuple[float, ...]]]) -> dict[str, list[int]]:
-    """Outer faces by the part whose bounding box holds them (the largest part last); soles are flat."""
-    found: dict[str, list[int]] = {name: [] for name in NAMES}
-    for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(d), combined=True, oriented=False):
-        low, high = np.array(gmsh.model.occ.getBoundingBox(d - 1, tag)).reshape(2, 3)
-        if high[d - 1] < 1e-3:
-            found["feet"].append(tag)
-            continue
-        for name in ("legs", "ears", "tail", "head", "trunk"):
-            inside = [
-                (low > np.array(b[:3]) - 1e-3).all() and (high < np.array(b[3:]) + 1e-3).all()
-                for b in boxes[name]
-            ]
-            if any(inside) or name == "trunk":
-                found[name].append(tag)
-                break
-    return found

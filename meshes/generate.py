@@ -10,6 +10,7 @@ from .boxes import NAMES, bar, box, mattress
 from .creature import creature
 from .curved import cylinder, sphere, torus, tube
 from .data import MeshData, MeshError, choose
+from .fish import fish
 from .simplices import simplex, tetrahedron, triangle
 
 SHAPES: dict[str, Callable[..., MeshData]] = {
@@ -21,6 +22,7 @@ SHAPES: dict[str, Callable[..., MeshData]] = {
     "tube": tube,
     "torus": torus,
     "creature": creature,
+    "fish": fish,
     "triangle": triangle,
     "tetrahedron": tetrahedron,
     "simplex": simplex,
@@ -36,6 +38,7 @@ BOUNDARIES: dict[str, dict[int, tuple[str, ...]]] = {
     "tube": {2: ("inner", "outer"), 3: ("bottom", "top", "inner", "outer")},
     "torus": {3: ("left", "right")},
     "creature": dict.fromkeys((2, 3), ("feet", "legs", "head", "ears", "tail", "trunk")),
+    "fish": dict.fromkeys((2, 3), ("tail", "fin", "body")),
     "triangle": {3: _SIMPLEX[2]},
     "tetrahedron": {3: _SIMPLEX[3]},
     "simplex": _SIMPLEX,

@@ -33,6 +33,8 @@ BODIES = [
     ("torus", {"straight": 1.0}, π * 0.0625 * (2 * π + 2), {"left", "right"}),
     ("creature", {"cell_size": 0.15}, None, CREATURE),
     ("creature", {"cell_size": 0.15, "dimension": 2}, None, CREATURE),
+    ("fish", {}, None, {"tail", "fin", "body"}),
+    ("fish", {"dimension": 2}, None, {"tail", "fin", "body"}),
     ("triangle", {"size": 2}, math.sqrt(3), {"base", "left", "right"}),
     ("triangle", {"corners": [[0, 0], [3, 0], [0, 2]]}, 3, {"base", "left", "right"}),
     ("tetrahedron", {}, math.sqrt(2) / 12, {"base", "front", "left", "right"}),
@@ -144,6 +146,17 @@ def test_the_feet_of_a_creature_stand_on_the_ground():
         assert data.points[:, -1].min() > -1e-9
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_fish_is_as_long_as_said_and_symmetric_but_for_the_fin_on_its_back(dimension):
+    data = generate("fish", dimension=dimension, size=2.0, cell_size=0.06)
+    low, high = data.points.min(axis=0), data.points.max(axis=0)
+    assert high[0] - low[0] == pytest.approx(2)
+    if dimension == 3:
+        assert low[1] == pytest.approx(-high[1], rel=1e-2)  # facets cut the widest places off, here and there
+    back = data.points[data.facets[data.facet_tags == data.boundary_names["fin"]]]
+    assert back[..., -1].max() == high[-1] > -low[-1]
+
+
 WRONG = [
     ("boks", {}, "unknown shape 'boks': did you mean 'box'? accepted: " + ", ".join(SHAPES)),
     (
@@ -187,6 +200,7 @@ WRONG = [
         {"cell_size": 0.5},
         "creature: cell_size must be at most the thickness of its legs, 0.16 m, got 0.5",
     ),
+    ("fish", {"cell_size": 0.1}, "fish: cell_size must be at most the thickness of its fins, 0.06 m, got 0.1"),
     ("triangle", {"corners": [[0, 0], [1, 1], [2, 2]]}, "triangle: corners must not lie on one line"),
     (
         "tetrahedron",
