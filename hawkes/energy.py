@@ -44,11 +44,11 @@ class Energy:
         whole = s.gather(x)
         if whole is not None:
             w = s.whole
-            scratch, future = np.empty(len(w.coupling)), np.empty(len(w))
+            scratch = np.empty(len(w.coupling))
             for _ in range(times):
                 kernel.call(
                     "sweep", w.count, w.start, w.pair, w.decay, len(w.coupling), w.coupling, w.linear, scratch,
-                    future, whole,
+                    later(w, whole, scratch), whole,
                 )  # fmt: skip
         return s.scatter(whole)
 
@@ -91,3 +91,10 @@ class Energy:
         if s.comm.size > 1:
             s.comm.Allreduce(MPI.IN_PLACE, most, op=MPI.MAX)
         return most
+
+
+def later(slots: Slots, x: NDArray, scratch: NDArray) -> NDArray:
+    """(S,) what later slots of a slot's timeline add up to, Σ x e^(-ω Δt) (not collective); scratch (K,) is lost."""
+    future = np.empty(len(slots))
+    kernel.call("later", len(slots), slots.pair, slots.decay, len(slots.coupling), x, scratch, future)
+    return future

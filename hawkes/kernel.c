@@ -80,17 +80,22 @@ void extremal_couple(int64_t slots, const int32_t *pair, const double *decay, in
   }
 }
 
-/* Event by event, x_j = g_j / |g_j|: the maximum of (3.20) over one column, the others fixed. `future` has an entry
- * for each slot. Returns the largest change of a weight. */
-double extremal_sweep(int64_t events, const int64_t *start, const int32_t *pair, const double *decay, int64_t pairs,
-                      const double *coupling, const double *b, double *scratch, double *future, double *x) {
-  double change = 0;
+/* future[s] = sum over the timeline's later slots of x exp(-omega dt) */
+void extremal_later(int64_t slots, const int32_t *pair, const double *decay, int64_t pairs, const double *x,
+                    double *scratch, double *future) {
   memset(scratch, 0, pairs * sizeof(double));
-  for (int64_t s = start[events] - 1; s >= 0; --s) {
+  for (int64_t s = slots - 1; s >= 0; --s) {
     const int32_t i = pair[s];
     future[s] = scratch[i];
     scratch[i] = (scratch[i] + x[s]) * decay[s];
   }
+}
+
+/* Event by event, x_j = g_j / |g_j|: the maximum of (3.20) over one column, the others fixed. `future` is that of
+ * extremal_later and is overwritten. Returns the largest change of a weight. */
+double extremal_sweep(int64_t events, const int64_t *start, const int32_t *pair, const double *decay, int64_t pairs,
+                      const double *coupling, const double *b, double *scratch, double *future, double *x) {
+  double change = 0;
   memset(scratch, 0, pairs * sizeof(double));
   for (int64_t j = 0; j < events; ++j) {
     double square = 0;

@@ -43,17 +43,11 @@ static void hybrid(int64_t n, const double *g, double most, double f, double *so
 }
 
 /* Event by event, the x_j that maximises g_j . x_j under the constraint; see extremal_sweep. Power p where f is nan.
- * `future` has an entry for each slot, `room` two for each slot of the largest event. Returns the largest change. */
+ * `room` has two entries for each slot of the largest event. Returns the largest change. */
 double extremal_relax(int64_t events, const int64_t *start, const int32_t *pair, const double *decay, int64_t pairs,
                       const double *coupling, const double *b, double p, double f, double *scratch, double *future,
                       double *room, double *x) {
   double change = 0;
-  memset(scratch, 0, pairs * sizeof(double));
-  for (int64_t s = start[events] - 1; s >= 0; --s) {
-    const int32_t i = pair[s];
-    future[s] = scratch[i];
-    scratch[i] = (scratch[i] + x[s]) * decay[s];
-  }
   memset(scratch, 0, pairs * sizeof(double));
   for (int64_t j = 0; j < events; ++j) {
     const int64_t first = start[j], n = start[j + 1] - first;

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import kernel
-from .energy import Energy
+from .energy import Energy, later
 from .events import DataError
 from .slots import Slots
 
@@ -82,12 +82,12 @@ def relax(
     done, change = 0, np.inf
     if whole is not None:
         w = slots.whole
-        scratch, future = np.empty(len(w.coupling)), np.empty(len(w))
+        scratch = np.empty(len(w.coupling))
         room = np.empty(2 * int(np.diff(w.start).max(initial=0)))
         while done < rounds and change > tolerance:
             change = kernel.call(
                 "relax", w.count, w.start, w.pair, w.decay, len(w.coupling), w.coupling, w.linear, float(p), float(f),
-                scratch, future, room, whole, subject="relaxations",
+                scratch, later(w, whole, scratch), room, whole, subject="relaxations",
             )  # fmt: skip
             done += 1
     done, change = slots.comm.bcast((done, change))

@@ -14,7 +14,6 @@ from extremal import native
 
 NODES = {"cubic": 4, "quadratic": 3}
 _SOURCES = ("kernel.c", "splines.h", "grid.h", "snow.h", "transfer.h", "flow.h")
-_LONG, _DOUBLE, _POINTER = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
 
 
 class Box(ctypes.Structure):
@@ -65,7 +64,7 @@ class Kernel:
 
     def call(self, name: str, *arguments: Any) -> Any:
         """Call extremal_`name`; arrays must be C-contiguous and of the types that kernel.c states."""
-        return getattr(self.library, f"extremal_{name}")(*(_argument(a) for a in arguments))
+        return getattr(self.library, f"extremal_{name}")(*(native.argument(a) for a in arguments))
 
 
 def load(comm: MPI.Comm, dimension: int, spline: str = "cubic", precision: str = "double") -> Kernel:
@@ -78,20 +77,8 @@ def load(comm: MPI.Comm, dimension: int, spline: str = "cubic", precision: str =
         comm, f"snow{dimension}d", head + "".join(text.values()), lambda: head + text["kernel.c"], include=here
     )
     for name in ("box", "sort", "number"):
-        getattr(library, f"extremal_{name}").restype = _LONG
+        getattr(library, f"extremal_{name}").restype = ctypes.c_int64
     return Kernel(dimension, spline, np.dtype(np.float32 if single else np.float64), library)
-
-
-def _argument(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        if not value.flags.c_contiguous:
-            raise ValueError("array is not C-contiguous")
-        return _POINTER(value.ctypes.data)
-    if isinstance(value, Box | Box2):
-        return ctypes.byref(value)
-    if isinstance(value, float | np.floating):
-        return _DOUBLE(value)
-    return _LONG(int(value))
 
 
 def box_for(dimension: int) -> Box | Box2:

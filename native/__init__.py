@@ -14,7 +14,9 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -69,6 +71,23 @@ def load(
     if isinstance(outcome, Exception):
         raise outcome
     return ctypes.CDLL(outcome)
+
+
+def argument(value: Any) -> Any:
+    """A number, a C-contiguous array or a structure as C takes it: double, int64_t, pointer.
+
+    Raises
+    ------
+    ValueError
+        If the array is not C-contiguous.
+    """
+    if isinstance(value, np.ndarray):
+        if not value.flags.c_contiguous:
+            raise ValueError("array is not C-contiguous")
+        return ctypes.c_void_p(value.ctypes.data)
+    if isinstance(value, ctypes.Structure):
+        return ctypes.byref(value)
+    return ctypes.c_double(value) if isinstance(value, float | np.floating) else ctypes.c_int64(int(value))
 
 
 @cache

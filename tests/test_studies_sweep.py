@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+import square_sweep
 
 from extremal.app import cli, study_command
 from extremal.app.errors import EXIT_FINISHED, EXIT_INPUT, EXIT_SOLVER, InputError
@@ -15,51 +16,10 @@ from extremal.app.sweep.model import load_sweep
 from extremal.app.sweep.points import flat, points_of
 from extremal.app.sweep.sentences import halving, percent
 
-SCENE = """
-part = "elastic"
-mesh = { shape = "box", dimension = 2, cell_size = 0.5 }
-material = { young_modulus = 1e5, poisson_ratio = 0.3, density = 1000.0 }
-fixed = [{ boundary = "left" }]
-gravity = { acceleration = [0.0, -9.81] }
-expect = { max_displacement = 17.0 }
-"""
-SWEEP = """
-title = "A square"
-scene = "square.toml"
-timeout = 120
-[set]
-solver.tolerance = 1e-6
-[error]
-diagnostic = "max_displacement"
-[reference]
-set = { "mesh.cell_size" = 0.1 }
-[[method]]
-name = "P1"
-[[method]]
-name = "P2"
-set = { element = { degree = 2 } }
-petsc = { elastic_ksp_type = "gmres" }
-[knob]
-key = "mesh.cell_size"
-values = [0.5, 0.25, 0.2]
-"""
-CASE = """
-case = "manufactured"
-set = { dimension = 2 }
-[[method]]
-name = "P1"
-[knob]
-key = "divisions"
-values = [2, 4, 8]
-"""
-
 
 @pytest.fixture
 def sweep_file(tmp_path):
-    (tmp_path / "square.toml").write_text(SCENE)
-    path = tmp_path / "sweep.toml"
-    path.write_text(SWEEP)
-    return path
+    return square_sweep.write(tmp_path)
 
 
 class FakeRuns:
@@ -137,7 +97,7 @@ def test_a_point_is_another_when_anything_it_depends_on_changes(sweep_file):
     before = [point.digest for point in points_of(load_sweep(sweep_file))]
     assert [point.digest for point in points_of(load_sweep(sweep_file))] == before
     assert not {point.digest for point in points_of(load_sweep(sweep_file), ranks=2)} & {*before}
-    (sweep_file.parent / "square.toml").write_text(SCENE.replace("0.3", "0.31"))
+    (sweep_file.parent / "square.toml").write_text(square_sweep.SCENE.replace("0.3", "0.31"))
     assert not {point.digest for point in points_of(load_sweep(sweep_file))} & {*before}
 
 
@@ -182,7 +142,7 @@ def test_finished_points_are_not_run_again(run):
 
 def test_a_killed_study_goes_on_where_it_was(tmp_path):
     path, folder = tmp_path / "case.toml", tmp_path / "results"
-    path.write_text(CASE)
+    path.write_text(square_sweep.CASE)
     command = [sys.executable, "-m", "extremal.app", "study", str(path), "-o", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     end = time.monotonic() + 120
@@ -204,7 +164,7 @@ def test_a_killed_study_goes_on_where_it_was(tmp_path):
 
 
 def test_a_real_scene_is_measured_and_compared(sweep_file):
-    text = SWEEP.replace("diagnostic", "field").replace("max_displacement", "displacement")
+    text = square_sweep.SWEEP.replace("diagnostic", "field").replace("max_displacement", "displacement")
     sweep_file.write_text(text.replace("[0.5, 0.25, 0.2]", "[0.5, 0.25]"))
     folder = sweep_file.parent / "real"
     assert cli.main(["study", str(sweep_file), "-o", str(folder), "-j", "2"]) == EXIT_FINISHED
@@ -237,7 +197,7 @@ def test_a_point_that_ran_out_of_time_is_run_again_with_more(run, sweep_file):
     failing = {(1, 0.25): "timeout"}
     run(failing=failing)
     assert run(failing=failing)[2] == 0
-    sweep_file.write_text(SWEEP.replace("timeout = 120", "timeout = 240"))
+    sweep_file.write_text(square_sweep.SWEEP.replace("timeout = 120", "timeout = 240"))
     code, study, count = run()
     assert count == 1
     assert all("error" in row for row in study["points"])
@@ -316,7 +276,7 @@ def test_recommendation_says_what_is_not_known(stored, sweep_file, tmp_path):
     shipped = tmp_path / "SHIPPED" / "sweep.json"
     study = json.loads(shipped.read_text())
     shipped.write_text(json.dumps({**study, "machine": "another, 1 cores", "quick": True}))
-    (tmp_path / "square.toml").write_text(SCENE.replace("9.81", "9.8"))
+    (tmp_path / "square.toml").write_text(square_sweep.SCENE.replace("9.81", "9.8"))
     words = recommend.recommend(stored, 0.1, None)
     for caveat in ("seconds are of another machine: another", "short form", "the scene was different"):
         assert caveat in words
@@ -333,78 +293,7 @@ def test_what_no_point_reaches_is_refused_with_an_estimate(stored, capsys):
         recommend.recommend("pastry", 0.1, None)
 
 
-# ---------------------------------------------------------------------------------------- bad files
-
-BAD = [
-    ('scene = "square.toml"', "", "must have exactly one of scene, case"),
-    ('"square.toml"', '"round.toml"', 'scene = "round.toml": no such file: {here}/round.toml'),
-    ('scene = "square.toml"', 'case = "manufcatured"', "[error]: belongs to a scene; a case knows its own"),
-    ("[knob]", "[knbo]", "[knob]: is missing; what is walked along each line"),
-    ("values = [0.5, 0.25, 0.2]", "values = []", "[knob] values = []: must have at least one entry"),
-    ("values = [0.5,", "values = [[1],", "[knob] values #1 = [1]: must be a number, a text, true or false"),
-    ('name = "P2"', 'name = "P1"', '[[method]] #2 name = "P1": this name is taken; choose another'),
-    (
-        "diagnostic =",
-        'field = "displacement"\ndiagnostic =',
-        "[error]: must have exactly one of diagnostic, history, field, density, front, predictions",
-    ),
-    (
-        "max_displacement",
-        "max_displacment",
-        '[error] diagnostic = "max_displacment": unknown diagnostic of elastic; did you mean max_displacement?',
-    ),
-    (
-        'diagnostic = "max_displacement"',
-        "density = 0.1",
-        "[error] density = 0.1: belongs to scenes of snow; this one's part is elastic",
-    ),
-    (
-        'diagnostic = "max_displacement"',
-        'predictions = "probability"',
-        "[error] predictions = \"probability\": belongs to scenes of hawkes; this one's part is elastic",
-    ),
-    ('set = { "mesh.cell_size" = 0.1 }', "", "[reference]: must have exactly one of set, value"),
-    ("timeout = 120", "timeout = 0", "timeout = 0: must be above 0"),
-    ("timeout = 120", "tiemout = 120", "tiemout = 120: unknown key; did you mean timeout?"),
-    (
-        "elastic_ksp_type",
-        "-elastic_ksp_type",
-        '[[method]] #2 petsc.-elastic_ksp_type = "gmres": the name of a PETSc option is written without the dash',
-    ),
-    ("[0.5, 0.25, 0.2]", "[-0.5]", "P1 at -0.5: [mesh] cell_size = -0.5: must be above 0"),
-    (
-        'key = "mesh.cell_size"',
-        'key = "mesh.cell_sise"',
-        'P1 at 0.5: [mesh] cell_sise = 0.5: unknown parameter of shape "box"; did you mean cell_size?',
-    ),
-    (
-        "solver.tolerance = 1e-6",
-        'fixed.3.boundary = "top"',
-        "reference: fixed.3.boundary: 3 must be a position in the list, from 0 to 0",
-    ),
-    ("solver.tolerance = 1e-6", "part.what = 1", 'reference: part.what = 1: part is "elastic", not a table'),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), BAD, ids=[new or old for old, new, _ in BAD])
-def test_a_bad_sweep_is_refused_with_one_line(old, new, message, sweep_file, capsys):
-    assert old in SWEEP
-    sweep_file.write_text(SWEEP.replace(old, new))
-    assert cli.main(["study", str(sweep_file), "-o", str(sweep_file.parent / "results")]) == EXIT_INPUT
-    out, err = capsys.readouterr()
-    assert out == "" and "Traceback" not in err
-    assert f"extremal: {sweep_file}: {message.replace('{here}', str(sweep_file.parent))}" in err.splitlines()
-    assert not (sweep_file.parent / "results").exists()
-
-
-def test_settings_of_a_case_are_known(tmp_path):
-    path = tmp_path / "case.toml"
-    path.write_text(CASE.replace("dimension", "dimensoin"))
-    with pytest.raises(InputError, match="dimensoin = 2: unknown setting; did you mean dimension?"):
-        load_sweep(path)
-    path.write_text(CASE.replace('"manufactured"', '"manufcatured"'))
-    with pytest.raises(InputError, match='case = "manufcatured": unknown case; did you mean manufactured?'):
-        load_sweep(path)
+# ---------------------------------------------------------------------------------------- shipped
 
 
 @pytest.mark.parametrize("name", study_command.sweeps())
