@@ -16,13 +16,14 @@ Row = dict[str, str]
 
 
 def read_rows(path: Path, columns: Sequence[str]) -> list[Row]:
-    """Return the rows of an earlier run, none if there is no such file.
+    """Return the rows of an earlier run, none if there is no such file; its folder is made.
 
     Raises
     ------
     InputError
         If the file has other columns: it is not of this study.
     """
+    make_folder(path.parent)
     if not path.exists():
         return []
     with open(path, newline="", encoding="utf-8") as file:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import EXIT_FINISHED, suggestion
 from ..parallel import on_root
 from ._share import share_out
-from ._table import Row, make_folder, read_rows, write_rows
+from ._table import Row, read_rows, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -139,12 +139,7 @@ def run(args: argparse.Namespace, comm: MPI.Comm) -> int:
     if args.quick:
         args.seeds, args.poisson_ratios, args.cell_size = 1, [0.3, 0.499], 0.25
     path = args.output / "recovery.csv"
-
-    def read() -> list[Row]:
-        make_folder(args.output)
-        return read_rows(path, COLUMNS)
-
-    rows = on_root(comm, read)
+    rows = on_root(comm, lambda: read_rows(path, COLUMNS))
     done = {_key(row) for row in rows if float(row["cell_size"]) == args.cell_size}
     todo = [case for case in cases(args) if case not in done]
     _run_all(todo, rows, args.cell_size, path, comm)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import EXIT_FINISHED
 from ..parallel import on_root
-from ._table import Row, aligned, machine, make_folder, petsc_options, read_rows, write_rows
+from ._table import Row, aligned, machine, petsc_options, read_rows, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -73,7 +73,6 @@ def _run(folder: Path, sizes: tuple[tuple[int, float], ...]) -> None:
 
     from extremal import meshes
 
-    make_folder(folder)
     path = folder / "solvers.csv"
     rows = read_rows(path, COLUMNS)
     for degree, cell_size in sizes:

@@ -15,10 +15,11 @@ import numpy as np
 
 from ..errors import EXIT_FINISHED
 from ..parallel import on_root
+from ..results import write_text
 from . import recovery
 from ._share import share_out
 from ._stability_cases import CASES, Case, domains, refusal
-from ._table import Row, machine, make_folder, petsc_options, read_rows, write_rows
+from ._table import Row, machine, petsc_options, read_rows, write_rows
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -70,12 +71,7 @@ def run(args: argparse.Namespace, comm: MPI.Comm) -> int:
     if args.quick:
         args.cell_size, args.models = QUICK_CELL_SIZE, [m for m in args.models if m in QUICK_MODELS]
     path = args.output / "stability.csv"
-
-    def read() -> list[Row]:
-        make_folder(args.output)
-        return read_rows(path, COLUMNS)
-
-    rows = on_root(comm, read)
+    rows = on_root(comm, lambda: read_rows(path, COLUMNS))
     done = {_key(row) for row in rows if float(row["cell_size"]) == args.cell_size}
     wanted = list(runs(args.cases, args.models, 1 if args.quick else None))
     todo = [one for one in wanted if one not in done]
@@ -97,7 +93,7 @@ def run(args: argparse.Namespace, comm: MPI.Comm) -> int:
         draw(args.output / "stability.png", shown)
         said = [*sentences(shown), f"An element without volume is refused: {refusal(args.cell_size)}"]
         text = "\n\n".join([table(shown), *said, f"Measured on: {machine()}."])
-        (args.output / "stability.md").write_text(text + "\n", encoding="utf-8")
+        write_text(args.output / "stability.md", text + "\n")
         print("\n".join(said), flush=True)
         print(", ".join(str(path.with_suffix(end)) for end in (".csv", ".md", ".png")), flush=True)
     comm.barrier()
