@@ -21,17 +21,28 @@ from .snow_scene import GRADIENTS
 
 if TYPE_CHECKING:
     from . import snow_shapes
+    from .coupled import CoupledProblem
     from .snow_scene import SnowScene
 
 
-def build(scene: SnowScene, comm: MPI.Comm) -> SnowProblem:
+def build(scene: SnowScene, comm: MPI.Comm) -> SnowProblem | CoupledProblem:
     """The problem a scene describes, at its start (collective).
 
     Raises
     ------
     InputError
-        On all ranks, where a body has no particle, or a shape cannot be made.
+        On all ranks, where a body has no particle, a shape cannot be made, or the solid's mesh does not fit.
     """
+    snow = snow_alone(scene, comm)
+    if scene.solid is None:
+        return snow
+    from . import coupled
+
+    return coupled.build(scene, scene.solid, snow, comm)
+
+
+def snow_alone(scene: SnowScene, comm: MPI.Comm) -> SnowProblem:
+    """The problem without [solid] (collective); raises InputError on all ranks as `build` does."""
     analysis = scene.analysis
     return SnowProblem(
         comm,

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
+from . import elastic_checks
 from .collider_scene import shape_dimension
-from .scene_common import Check, expectations, petsc_names
+from .scene_common import Check, cross_checks, expectations, petsc_names
 from .scene_fields import Problem
 
 if TYPE_CHECKING:
@@ -56,10 +57,27 @@ def _volumes(scene: SnowScene) -> Iterator[Problem]:
         yield ("output", "vdb"), "needs [grid] dimension = 3: OpenVDB holds volumes"
 
 
+def _solid(scene: SnowScene) -> Iterator[Problem]:
+    if scene.solid is None:
+        return
+    alone = scene.solid.elastic(scene)
+    for where, message in cross_checks(alone, elastic_checks.CHECKS):
+        keys = where[1:] if where[0] == "initial" else where
+        if keys[0] in type(scene.solid).model_fields:  # the rest is the snow's, which has its own checks
+            yield ("solid", *keys), message
+    if alone.dimension not in (None, scene.dimension):
+        yield ("solid", "mesh"), f"is {alone.dimension}-dimensional; must be {scene.dimension}-dimensional, as the grid"
+
+
 def _expectations(scene: SnowScene) -> Iterator[Problem]:
     from .snow_scene import DIAGNOSTICS
+    from .solid_scene import DIAGNOSTICS as OF_SOLIDS
 
-    yield from expectations(scene.expect, DIAGNOSTICS)
+    if scene.solid is None:
+        for name in scene.expect:
+            if name in OF_SOLIDS:
+                yield ("expect", name), "needs [solid]"
+    yield from expectations(scene.expect, (*DIAGNOSTICS, *OF_SOLIDS))
 
 
 CHECKS: tuple[Check, ...] = (
@@ -68,6 +86,7 @@ CHECKS: tuple[Check, ...] = (
     ({"grid"}, _plane_or_space),
     ({"analysis", "output"}, _frames),
     ({"grid", "output"}, _volumes),
+    ({"solid", "grid", "gravity", "analysis"}, _solid),
     (set(), petsc_names),
     (set(), _expectations),
 )

@@ -13,6 +13,7 @@ from .conditions_scene import Gravity
 from .scene_common import Expected, PetscValue, Scene, Where
 from .scene_fields import Boolean, Integer, Number, Positive, Problem, Table, Text
 from .snow_shapes import PLASTIC, Body, SnowMaterial
+from .solid_scene import Solid
 
 PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "body", "stiffness")
 GRADIENTS = ("elastic_gradient", "plastic_gradient")
@@ -111,6 +112,9 @@ class SnowScene(Scene):
     )
     body: tuple[Body, ...] = Field(min_length=1, description="bodies of snow")
     collider: tuple[Collider, ...] = Field((), description="what snow collides with; absent: nothing")
+    solid: Solid | None = Field(
+        None, description="an elastic body; snow and body push each other. Absent: none"
+    )
     gravity: Gravity | None = Field(None, description="gravity; absent: none")
     analysis: SnowAnalysis = Field(description="steps in time")
     petsc: dict[str, PetscValue] = Field(default_factory=dict, description="PETSc options, without the dash")
@@ -141,3 +145,6 @@ class SnowScene(Scene):
             for i, entry in enumerate(getattr(self, table)):
                 if entry.file is not None:
                     yield (table, i, "file"), self.beside(entry.file)
+        if self.solid is not None:
+            for where, path in self.solid.elastic(self).files():
+                yield ("solid", *where), path

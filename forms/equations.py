@@ -61,7 +61,7 @@ class Equations:
         self.weights = space.weights()
         self.pressures = [Pressure(space, names, value) for names, value in pressures]
         self.has_energy = laws.has_energy and not pressures
-        self._mass_damping, self._stiffness_damping = damping
+        self.mass_damping, self._stiffness_damping = damping
         self._loads: list[tuple[PETSc.Log.Event, Any]] = []
         self._loads += [(event("traction"), Traction(space, names, value)) for names, value in tractions]
         self._loads += [(event("body_force"), BodyForce(space, body_force))] if body_force is not None else []
@@ -151,8 +151,8 @@ class Equations:
             total += self._inertia(x, None) + touch
         return total if np.isfinite(total) else np.inf
 
-    def residual(self, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Gradient of `energy`, plus pressures; zero where the displacement is prescribed."""
+    def residual(self, x: PETSc.Vec, out: PETSc.Vec, reactions: bool = False) -> None:
+        """Gradient of `energy`, plus pressures; where the displacement is prescribed zero, or the reactions [N]."""
         with self._events["residual"]:
             self.set(x)
             self.internal_force(out)
@@ -160,7 +160,8 @@ class Equations:
             self._inertia(x, out)
             if self.contact is not None:
                 self.contact.add_force(out)
-            out.array[self.held] = 0
+            if not reactions:
+                out.array[self.held] = 0
 
     def internal_force(self, out: PETSc.Vec) -> None:
         """∫ P:∇v dX with stiffness damping and pressures, at the displacement of the space."""
@@ -186,7 +187,7 @@ class Equations:
             return 0.0
         terms, total = self.terms, 0.0
         with self._inertia_event:
-            for factor, at in ((terms.alpha, terms.u_hat), (self._mass_damping * terms.gamma, terms.u_tilde)):
+            for factor, at in ((terms.alpha, terms.u_hat), (self.mass_damping * terms.gamma, terms.u_tilde)):
                 if factor == 0:
                     continue
                 self._work.array[:] = x.array_r - at[: self.owned]
@@ -202,7 +203,7 @@ class Equations:
             self.set(x)
             self.laws.update(tangent=True, project=projected)
             if self.terms is not None:
-                self._alpha.value = self.terms.alpha + self._mass_damping * self.terms.gamma
+                self._alpha.value = self.terms.alpha + self.mass_damping * self.terms.gamma
                 if self._stiffness_damping:
                     self.laws.tangent.x.array[:] += self._stiffness_damping * self.terms.gamma * self._lagged
             out.zeroEntries()

@@ -101,6 +101,7 @@ class ElasticProblem:
         self.comm = domain.mesh.comm
         self.time = 0.0
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
+        self.on_solved: Callable[[float], None] | None = None  # told of each step [s] with its loads still in force
         self.space = Space(domain, degree)
         self.laws = Constitutive(self.space, materials)
         self.constraints = agree(self.comm, lambda: Constraints(self.space, prescribed))
@@ -251,6 +252,8 @@ class ElasticProblem:
             again, _ = self._solve(newton, u.copy())
             figures = figures + again
         self.equations.set(self.unknown)
+        if self.on_solved is not None:
+            self.on_solved(dt)
         if self._scheme is None:
             self.motion = replace(before, u=u.copy())
             return figures, stages, None

@@ -51,7 +51,7 @@ def collide(colliders: Sequence[Collider], x: NDArray, v: NDArray, t: float) -> 
         v_co = collider.velocity(points, t)
         relative = out[touching] - v_co
         if not collider.contact.sticky:
-            relative, applied = _respond(relative, collider.normal(points, t), collider.contact.friction)
+            relative, applied = respond(relative, collider.normal(points, t), collider.contact.friction)
             touching, v_co = touching[applied], v_co[applied]
             if not len(touching):
                 continue
@@ -64,7 +64,7 @@ def collide(colliders: Sequence[Collider], x: NDArray, v: NDArray, t: float) -> 
     return out, hit
 
 
-def _respond(relative: NDArray, n: NDArray, friction: float) -> tuple[NDArray, NDArray]:
+def respond(relative: NDArray, n: NDArray, friction: float) -> tuple[NDArray, NDArray]:
     """Relative velocities (m, D) after the collision, and which of the points (bool) they are for."""
     v_n = np.einsum("ni,ni->n", relative, n)
     applied = v_n < 0

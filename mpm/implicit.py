@@ -42,8 +42,8 @@ class Operator:
         Its precision is that of the Hessian's action.
     moduli : (n, 4)
         Of the particles, see snow.h.
-    mass : (local nodes,)
-        Node masses [kg].
+    mass : (owned nodes,)
+        Of the nodes, with what is attached to them [kg].
     factor : float
         β Δt² [s²].
     free : (owned nodes,) bool
@@ -64,7 +64,7 @@ class Operator:
         self._particles, self._grid, self._sharing = particles, grid, sharing
         self._kernel, self._moduli, self._factor = operator_kernel, moduli, factor
         self._d = particles.dimension
-        self._mass = mass[sharing.owned]
+        self._mass = mass
         self._free = free
         self._local = np.zeros((sharing.count, self._d), dtype=operator_kernel.real)
         self._out = np.zeros_like(self._local)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -17,32 +17,20 @@ from .colliders import collide
 from .decomposition import Decomposition
 from .grid import Grid
 from .law import Law, table
+from .limits import StepFailure, check
 from .moduli import Moduli
 from .particles import Particles
 from .sharing import Sharing
 
-LEAST_VOLUME_CHANGE = 0.1  # of det(1 + dt grad v): a step that squeezes a particle further is refused
-LARGEST_ROTATION = 1.0  # of any entry of dt grad v
-LARGEST_TRAVEL = 2.0  # of the Courant number allowed: a step that accelerates a particle further is refused
+if TYPE_CHECKING:
+    from .exchange import Exchange
+
 EXPLICIT_WAVE = 0.3  # cells that an elastic wave may cross in an explicit step
 IMPLICIT_WAVE = 8.0  # and in an implicit one: linearised once, it gains energy from about 16
 STRAY = 0.005  # of a rank's particles that may be in cells of other ranks
 ROUNDING = 1e3  # roundings of a right-hand side that is nothing else
+NOTHING = np.zeros(())  # mass attached to nodes [kg]
 REBALANCE = 1.3  # imbalance at which space is cut anew
-
-
-class StepFailure(ArithmeticError):
-    """A step was too long; the state is that before it.
-
-    Attributes
-    ----------
-    wanted_step : float or None
-        A step [s] that should succeed.
-    """
-
-    def __init__(self, message: str, wanted_step: float | None = None) -> None:
-        super().__init__(message)
-        self.wanted_step = wanted_step
 
 
 class SnowProblem:
@@ -74,6 +62,11 @@ class SnowProblem:
         Imbalance at which space is divided anew.
     with_gradients : bool
         Whether particles carry F_E and F_P, which only cost time: nothing depends on them.
+
+    Attributes
+    ----------
+    exchange : Exchange or None
+        An elastic body that snow meets before the colliders; None: there is none.
     """
 
     def __init__(
@@ -95,6 +88,7 @@ class SnowProblem:
     ) -> None:
         self.comm, self.time, self.h = comm, 0.0, cell_size
         self.on_iteration: Callable[[dict[str, float]], None] | None = None
+        self.exchange: Exchange | None = None
         self.laws, self._table = tuple(laws), table(laws)
         self._gravity = None if gravity is None else np.asarray(gravity, dtype=float)
         self._colliders, self._beta, self._flip = tuple(colliders), beta, flip
@@ -128,6 +122,7 @@ class SnowProblem:
         names = ("grid", "to_grid", "force", "to_particles", "flow", "migrate")
         self._events = {name: PETSc.Log.Event(f"snow:snow:{name}") for name in names}
         self._events |= {name: PETSc.Log.Event(f"snow:{name}") for name in ("implicit", "colliders", "gradients")}
+        self._events["solid"] = PETSc.Log.Event("snow:solid:collisions")
 
     # ------------------------------------------------------------------ a step
 
@@ -196,16 +191,14 @@ class SnowProblem:
         new[owned] += dt * force[owned] / heavy[owned]
         if self._gravity is not None:
             new[owned] += dt * self._gravity[:d]
-        free = np.ones(len(new[owned]), dtype=bool)
-        if self._colliders:
-            with self._events["colliders"]:
-                nodes = sharing.node[owned] * self.h
-                new[owned], hit = collide(self._colliders, nodes, new[owned], self.time + dt)
-                free = ~hit
+        own, free, attached = mass[owned], np.ones(len(new[owned]), dtype=bool), NOTHING
+        meets_something = self._colliders or self.exchange is not None
+        if meets_something:
+            new[owned], free, attached = self._collide(sharing.node[owned] * self.h, new[owned], own, dt)
         iterations = 0
         if self._beta:
             with self._events["implicit"]:
-                iterations = self._implicit(grid, sharing, moduli, mass, new, free, dt)
+                iterations = self._implicit(grid, sharing, moduli, own, new, free, attached, dt)
         sharing.from_owners(new)
         velocity, gradient, extremes = np.empty((len(p), d)), np.empty((len(p), d * d)), np.empty(3)
         with self._events["to_particles"]:
@@ -224,13 +217,21 @@ class SnowProblem:
         if p.elastic_gradient is not None:
             with self._events["gradients"]:
                 gradients.follow(p, gradient, dt)
-        if self._colliders:
-            with self._events["colliders"]:
-                velocity, _ = collide(self._colliders, p.position, velocity, self.time + dt)
+        if meets_something:
+            velocity, *_ = self._collide(p.position, velocity, p.mass, dt)
         p.velocity = np.ascontiguousarray(velocity)
         self._kernel.call("move", len(p), float(dt), p.velocity, p.position)
         self._known = None
         return iterations
+
+    def _collide(self, x: NDArray, v: NDArray, mass: NDArray, dt: float) -> tuple[NDArray, NDArray, NDArray]:
+        """Velocities of nodes or particles after collisions, which are free, what mass [kg] is attached to each."""
+        if self.exchange is not None:
+            with self._events["solid"]:
+                return self.exchange.collide(self._colliders, x, v, mass, self.time + dt)
+        with self._events["colliders"]:
+            after, hit = collide(self._colliders, x, v, self.time + dt)
+            return after, ~hit, NOTHING
 
     def _measure_volumes(self, grid: Grid, mass: NDArray) -> None:
         """Step 2 of 7.3.1, in the first step of all (collective)."""
@@ -243,10 +244,18 @@ class SnowProblem:
         self._measured = True
 
     def _implicit(
-        self, grid: Grid, sharing: Sharing, moduli: NDArray, mass: NDArray, new: NDArray, free: NDArray, dt: float
+        self,
+        grid: Grid,
+        sharing: Sharing,
+        moduli: NDArray,
+        mass: NDArray,
+        new: NDArray,
+        free: NDArray,
+        attached: NDArray,
+        dt: float,
     ) -> int:
         operator = implicit.Operator(
-            self.particles, grid, sharing, self._operator_kernel, moduli, mass, self._beta * dt**2, free
+            self.particles, grid, sharing, self._operator_kernel, moduli, mass + attached, self._beta * dt**2, free
         )
         right = -operator.hessian(new[sharing.owned])
         right[~free] = 0
@@ -254,6 +263,8 @@ class SnowProblem:
         if reason < 0:
             raise StepFailure(f"KSP ended with reason {reason} after {iterations} iterations", dt / 2)
         new[sharing.owned] += delta
+        if self.exchange is not None:
+            self.exchange.follow(delta, mass, attached)
         return iterations
 
     def _rounding(self, sharing: Sharing, mass: NDArray, velocity: NDArray, dt: float) -> float:
@@ -261,8 +272,7 @@ class SnowProblem:
 
         Each node's velocity is rounded by ε |v|, β Δt² M⁻¹ H makes of it about β (c Δt/h)² as much.
         """
-        owned = sharing.owned
-        energy = self.comm.allreduce(float(mass[owned] @ (velocity[owned] ** 2).sum(axis=1)))
+        energy = self.comm.allreduce(float(mass @ (velocity[sharing.owned] ** 2).sum(axis=1)))
         (wave,) = self._largest(self._moduli().wave)
         growth = self._beta * (wave * dt / self.h) ** 2
         return ROUNDING * np.finfo(self._operator_kernel.real).eps * growth * float(np.sqrt((1 + growth) * energy))
@@ -280,19 +290,7 @@ class SnowProblem:
         squeeze, turn, fastest, anywhere = self._largest(*extremes, float(bad))
         if anywhere:
             raise StepFailure("velocities are not finite", dt / 4)
-        J = -squeeze
-        cells = fastest * dt / self.h
-        if cells > LARGEST_TRAVEL * self._cfl:
-            raise StepFailure(
-                f"particles are accelerated across {cells:.2g} cells in dt {dt:.3g}",
-                dt * min(0.5, (self._cfl / cells) ** 0.5),
-            )
-        if J < LEAST_VOLUME_CHANGE or turn > LARGEST_ROTATION:
-            raise StepFailure(
-                f"a particle is deformed too much in dt {dt:.3g}: det(1 + dt grad v) = {J:.3g}, "
-                f"largest |dt grad v| = {turn:.3g}",
-                dt / 2,
-            )
+        check(-squeeze, turn, fastest * dt / self.h, self._cfl, dt)
 
     def _largest(self, *values: float) -> list[float]:
         """Of each value the largest of all ranks."""

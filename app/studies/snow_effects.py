@@ -203,10 +203,10 @@ def _play(
     """Seconds of this rank's processor in steps with their diagnostics, and in frames; iterations of each step."""
     from ..output import Counts, Output
     from ..results import prepare
-    from ..snow import build
+    from ..snow import snow_alone
 
     on_root(comm, lambda: prepare(folder, keep=False))
-    problem = build(what, comm)
+    problem = snow_alone(what, comm)
     counts = Counts()
     output = Output(problem, what.output, folder, counts)
     output.open(None, [], None)

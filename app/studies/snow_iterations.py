@@ -81,10 +81,10 @@ def settings(quick: bool) -> Iterator[Setting]:
 
 def count(comm: MPI.Comm, setting: Setting, rtol: float, end: float) -> dict[str, Any]:
     """Mean and largest number of iterations in the steps of full length (collective)."""
-    from ..snow import build
+    from ..snow import snow_alone
 
     with petsc_options("snow_", {"ksp_rtol": rtol}):
-        problem = build(scene_of(SCENES[setting.scene](setting, end)), comm)
+        problem = snow_alone(scene_of(SCENES[setting.scene](setting, end)), comm)
         made = list(steps(problem, STEP, end))
     full = [step.krylov for step in made if step.dt >= FULL * STEP]
     return {
