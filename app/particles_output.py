@@ -84,7 +84,7 @@ def _compact(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def grid_density(points: NDArray[Any], mass: NDArray[Any], h: float) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Density at the nodes of a grid, by quadratic B-splines (7.8).
+    """Density at the nodes of a grid, by the cubic B-splines of 7.3, as 7.8 has it.
 
     Parameters
     ----------
@@ -102,15 +102,15 @@ def grid_density(points: NDArray[Any], mass: NDArray[Any], h: float) -> tuple[ND
     if not len(points):
         return np.zeros((1, 1, 1)), np.zeros(3, dtype=np.int64)
     place = points / h
-    nearest = np.floor(place + 0.5).astype(np.int64)
-    q = place - nearest
-    weights = np.stack([0.5 * (0.5 - q) ** 2, 0.75 - q**2, 0.5 * (0.5 + q) ** 2])
-    first = nearest.min(axis=0) - MARGIN
-    shape = nearest.max(axis=0) + MARGIN + 1 - first
+    below = np.floor(place).astype(np.int64)
+    q = place - below
+    weights = np.stack([(1 - q) ** 3, 3 * q**3 - 6 * q**2 + 4, -3 * q**3 + 3 * q**2 + 3 * q + 1, q**3]) / 6
+    first = below.min(axis=0) - MARGIN
+    shape = below.max(axis=0) + MARGIN + 2 - first
     density = np.zeros(int(np.prod(shape)))
-    for steps in product((0, 1, 2), repeat=3):
+    for steps in product(range(4), repeat=3):
         weight = np.prod([weights[step][:, k] for k, step in enumerate(steps)], axis=0)
-        node = np.ravel_multi_index(tuple((nearest + np.array(steps) - 1 - first).T), shape)
+        node = np.ravel_multi_index(tuple((below + np.array(steps) - 1 - first).T), shape)
         density += np.bincount(node, weight * mass, minlength=len(density))
     return density.reshape(shape) / h**3, first
 

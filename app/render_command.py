@@ -45,7 +45,8 @@ def _render(results: Path, folder: Path, size: tuple[int, int], every: int) -> N
         raise InputError(f"{results}: holds a run of {record.get('part')}; only runs of snow are rendered")
     from matplotlib import image as images
 
-    from .snow_summary import frame_list, overall_bounds, picture, read_frame, stage
+    from .frames import frame_list
+    from .snow_summary import overall_bounds, picture, read_frame, stage
 
     frames = frame_list(results)
     if not frames:

@@ -15,7 +15,7 @@ from .scene_fields import Boolean, Integer, Number, Positive, Problem, Table, Te
 from .snow_shapes import PLASTIC, Body, SnowMaterial
 from .solid_scene import Solid
 
-PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "body", "stiffness")
+PARTICLE_FIELDS = ("velocity", "J_P", "stretch", "density", "mass", "body", "stiffness")
 GRADIENTS = ("elastic_gradient", "plastic_gradient")
 LARGEST_SCALE = 100.0
 DIAGNOSTICS = (

@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from .frames import frame_list, read_points
 from .results import HISTORY, SUMMARY
 from .scenery import recorded_colliders
-from .snow_picture import choose_view, draw_plane, draw_space
+from .snow_picture import draw_plane, draw_space
 from .summary_page import columns, page, say_nothing, worth
+from .view import View, choose_view
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -119,11 +120,14 @@ def _draw_pictures(figure: Figure, seen: Stage, frames: list[Frame]) -> None:
         axes.set_title(frame.title, fontsize=11, pad=4)
 
 
-def picture(frame: Frame, seen: Stage, bounds: NDArray[Any], size: tuple[int, int]) -> NDArray[Any]:
-    """Draw a frame; colours (height, width, 3)."""
+def picture(
+    frame: Frame, seen: Stage, bounds: NDArray[Any], size: tuple[int, int], view: View | None = None
+) -> NDArray[Any]:
+    """Draw a frame, by default from where most is seen of it; colours (height, width, 3)."""
     if seen.dimension == 2:
         return draw_plane(frame.points[:, :2], seen.spacing, seen.colliders, frame.time, bounds[:, :2], size)
-    view = choose_view(bounds, seen.colliders, frame.time, seen.up, size[0] / size[1])
+    if view is None:
+        view = choose_view(bounds, seen.colliders, [frame.time], seen.up, size[0] / size[1])
     return draw_space(frame.points, seen.spacing, seen.colliders, frame.time, view, size)
 
 
@@ -139,7 +143,7 @@ def _is_wide(bounds: NDArray[Any], seen: Stage) -> bool:
     if seen.dimension == 2:
         across, rise = np.ptp(bounds, axis=0)[:2]
     else:
-        view = choose_view(bounds, seen.colliders, 0.0, seen.up, 1.0)
+        view = choose_view(bounds, seen.colliders, [0.0], seen.up, 1.0)
         across, _, rise = np.ptp(np.array(list(product(*bounds.T))) @ view.axes.T, axis=0)
     return bool(across > WIDE_FROM * rise)
 

@@ -66,6 +66,7 @@ def shown(whole: dict[str, NDArray], laws: Sequence[Law]) -> dict[str, NDArray]:
         "J_P": whole["plastic"],
         "stretch": ends[:, -1],
         "density": whole["mass"] / (rest * ends.prod(axis=1) * whole["plastic"]),
+        "mass": whole["mass"],
         "body": whole["body"].astype(float),
         "stiffness": whole["stiffness"],
     }

@@ -82,7 +82,7 @@ def test_an_effect_alone_adds_its_own_events_and_libraries_only(
 
 SAME_PICTURE = {
     ("elastic", "summary"): {"extremal.app.summary"},
-    ("snow", "summary"): {"extremal.app.snow_summary", "extremal.app.snow_picture"},
+    ("snow", "summary"): {"extremal.app.snow_summary", "extremal.app.snow_picture", "extremal.app.scenery", "extremal.app.view"},
     ("hawkes", "summary"): {"extremal.app.hawkes_summary", "extremal.app.hawkes_picture"},
 }
 

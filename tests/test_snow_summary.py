@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from extremal.app import cli
-from extremal.app.snow_picture import choose_view, draw_plane, draw_space
+from extremal.app.snow_picture import draw_plane, draw_space
+from extremal.app.view import choose_view
 from extremal.obstacles.colliders import Rigid
 from extremal.obstacles.shapes import HalfSpace, Sphere
 
@@ -53,7 +54,7 @@ def ball(radius: float = 0.5, spacing: float = 0.05) -> np.ndarray:
 
 def test_a_ball_on_the_ground_is_light_before_the_sky_and_its_shadow_is_dark() -> None:
     points, floor = ball(), Rigid(HalfSpace([0, 0, -0.5], [0, 0, 1]))
-    view = choose_view(np.array([[-0.5] * 3, [0.5] * 3]), [floor], 0.0, UP, 1.0)
+    view = choose_view(np.array([[-0.5] * 3, [0.5] * 3]), [floor], [0.0], UP, 1.0)
     image = draw_space(points, 0.05, [floor], 0.0, view, (120, 120))
     assert image.shape == (120, 120, 3) and image.min() >= 0 and image.max() <= 1
     grey = image.mean(axis=2)
@@ -66,9 +67,9 @@ def test_a_ball_on_the_ground_is_light_before_the_sky_and_its_shadow_is_dark() -
 
 def test_the_eye_is_outside_of_obstacles_and_sees_past_them() -> None:
     bounds = np.array([[-0.5] * 3, [0.5] * 3])
-    free = choose_view(bounds, [], 0.0, UP, 1.0)
+    free = choose_view(bounds, [], [0.0], UP, 1.0)
     wall = Rigid(Sphere(free.eye, 0.5))
-    moved = choose_view(bounds, [wall], 0.0, UP, 1.0)
+    moved = choose_view(bounds, [wall], [0.0], UP, 1.0)
     assert wall.distance(moved.eye[None], 0.0)[0] > 0
     assert not np.allclose(moved.eye, free.eye)
 
@@ -76,7 +77,7 @@ def test_the_eye_is_outside_of_obstacles_and_sees_past_them() -> None:
 @pytest.mark.parametrize("up", [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 0, -1], [0.3, 0, 0.95]])
 def test_up_is_up_whatever_gravity_says(up: list[float]) -> None:
     unit = np.array(up) / np.linalg.norm(up)
-    view = choose_view(np.array([[-0.5] * 3, [0.5] * 3]), [], 0.0, unit, 1.0)
+    view = choose_view(np.array([[-0.5] * 3, [0.5] * 3]), [], [0.0], unit, 1.0)
     assert view.axes @ view.axes.T == pytest.approx(np.eye(3))
     assert view.axes[2] @ unit > 0.9
 
