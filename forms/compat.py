@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
+from scipy import sparse
 
 _OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native"], "timeout": 60}  # seconds to wait for another process
 _NEW = hasattr(fem, "functionspace")
@@ -113,6 +114,24 @@ def add_matrix(a: PETSc.Mat, compiled: Any, conditions: list[Any]) -> None:
     """A += assembled form, rows and columns of the conditions left out, ones on their diagonal."""
     a.assemble(PETSc.Mat.AssemblyType.FLUSH)  # PETSc refuses, unheard, to add after the ones of an earlier form
     fem_petsc.assemble_matrix(a, compiled, conditions)
+
+
+def unfilled(a: PETSc.Mat) -> PETSc.Mat:
+    """A matrix with the layout of `a` and no pattern yet."""
+    out = PETSc.Mat().create(a.getComm())
+    out.setSizes(a.getSizes(), a.getBlockSize())
+    out.setType("aij")
+    return out
+
+
+def fill(out: PETSc.Mat, a: PETSc.Mat, more: sparse.csr_array | None) -> None:
+    """out = a + more (this rank's rows), with just the pattern of that sum."""
+    starts, columns, values = a.getValuesCSR()
+    if more is not None:
+        total = sparse.csr_array((values, columns, starts), shape=more.shape) + more
+        starts, columns, values = total.indptr, total.indices, total.data
+    out.setPreallocationCSR((starts.astype(PETSc.IntType), columns.astype(PETSc.IntType), values))
+    out.assemble()
 
 
 def held(space: Any, component: int, dofs: NDArray) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import factorial
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,12 @@ from extremal.obstacles.colliders import Collider
 
 from . import compat
 from .barrier import barrier, slip
+from .contacts import FOLLOWED, REACH, STILL, mean_edge
 from .equations import event
 from .laws import LawError
 from .newton import StepFailure
 from .space import Space
 
-REACH = 0.1  # of a cell: the distance d̂ below which an obstacle pushes
-STILL = 0.01  # of d̂: what slides by less in a step is held by less than μ λ
-FOLLOWED = 1e-2  # relative change of the normal forces at which friction has followed them
 GRAZING = 100  # points looked at on a node's way along an obstacle: a longer way is refused
 ATTEMPTS = 50  # pushes of nodes out of an obstacle that has come to them
 
@@ -61,13 +58,6 @@ class Contact:
         d̂ [m]; None: a tenth of the mean edge of cells.
     stiffness : float
         c [1].
-    after : str or None
-        "untangled": contact begins when neither elements are inverted nor nodes inside obstacles; None: at once.
-
-    Attributes
-    ----------
-    active : bool
-        Whether contact has begun.
     """
 
     def __init__(
@@ -79,14 +69,12 @@ class Contact:
         *,
         distance: float | None = None,
         stiffness: float = 1.0,
-        after: str | None = None,
     ) -> None:
         self._space, self._comm, self._obstacles, d = space, space.comm, list(obstacles), space.dimension
-        volume = self._comm.allreduce(float(space.weights().sum()))
-        self._cell = float((volume / self._comm.allreduce(space.cells) * factorial(d)) ** (1 / d))
+        self._cell = mean_edge(space)
         self.reach = REACH * self._cell if distance is None else distance
         self.stiffness = stiffness * young_modulus / self.reach
-        self.active, self._time = after is None, 0.0
+        self._time = 0.0
         self._event = event("contact")
         areas = _areas(space)
         free = np.ones(len(space.positions) * d, dtype=bool)
@@ -103,8 +91,6 @@ class Contact:
 
     def energy(self) -> float:
         """Energy at the displacement of the space [J]; infinite where a node has crossed an obstacle."""
-        if not self.active:
-            return 0.0
         with self._event:
             x = self._places()
             if self._crossed(x):
@@ -119,8 +105,6 @@ class Contact:
 
     def add_force(self, out: PETSc.Vec) -> None:
         """out += gradient of `energy`; not a number where a node has crossed an obstacle."""
-        if not self.active:
-            return
         with self._event:
             x = self._places()
             if self._crossed(x):
@@ -131,8 +115,6 @@ class Contact:
 
     def add_tangent(self, matrix: PETSc.Mat) -> None:
         """matrix += positive semi-definite Hessian; a search along a line from here may not cross an obstacle."""
-        if not self.active:
-            return
         with self._event:
             x = self._places()
             self._origin = x
@@ -224,7 +206,7 @@ class Contact:
         """Searches begin at displacement `u` (local values)."""
         self._origin = self._space.positions[self._nodes] + u[self._dofs]
 
-    def begin(self, u: NDArray, start: float, time: float, untangled: bool) -> NDArray:
+    def begin(self, u: NDArray, start: float, time: float) -> NDArray:
         """Begin a step from displacement `u` (local values) at `start` [s] to obstacles at `time` [s].
 
         Nodes which an obstacle has come closer to than half their former distance are pushed out of its way.
@@ -243,12 +225,7 @@ class Contact:
         x = self._origin
         assert x is not None
         gaps = [obstacle.distance(x, start) for obstacle in self._obstacles]
-        if not self.active:
-            inside = any((gap <= 0).any() for gap in gaps)
-            self.active = untangled and not self._comm.allreduce(inside, op=MPI.LOR)
         self._time, self._touches = time, None
-        if not self.active:
-            return u
         anchors = [obstacle.carry(x, start, time) for obstacle in self._obstacles]
         moved = x.copy()
         for _ in range(ATTEMPTS):
@@ -292,9 +269,13 @@ class Contact:
 
     def fits(self, u: NDArray) -> bool:
         """Whether no node is inside an obstacle at displacement `u` (local values; collective)."""
+        return self.clear(u, self._time)
+
+    def clear(self, u: NDArray, time: float) -> bool:
+        """Whether no node is inside an obstacle at displacement `u` (local values) and `time` [s] (collective)."""
         x = self._space.positions[self._nodes] + u[self._dofs]
-        inside = any((obstacle.distance(x, self._time) <= 0).any() for obstacle in self._obstacles)
-        return not (self.active and self._comm.allreduce(inside, op=MPI.LOR))
+        inside = any((obstacle.distance(x, time) <= 0).any() for obstacle in self._obstacles)
+        return not self._comm.allreduce(inside, op=MPI.LOR)
 
     @property
     def at_rest(self) -> bool:
@@ -311,8 +292,6 @@ class Contact:
         LawError
             On all ranks, naming the first such node and its obstacle.
         """
-        if not self.active:
-            return
         x, worst = self._space.positions[self._nodes] + u[self._dofs], []
         for j, obstacle in enumerate(self._obstacles):
             phi = obstacle.distance(x, self._time)
@@ -328,7 +307,7 @@ class Contact:
                 'leave a gap, or let contact begin later by [contact] after = "untangled"'
             )
 
-    def diagnostics(self, u: NDArray, time: float) -> dict[str, float]:
+    def diagnostics(self, u: NDArray, time: float, active: bool) -> dict[str, float]:
         """Smallest distance [m] and contact force [N], the sum over obstacles of the size of each one's resultant.
 
         Nodes inside an obstacle, before contact has begun, have negative distances and no force.
@@ -338,7 +317,7 @@ class Contact:
         gap, force = np.inf, 0.0
         for j, obstacle in enumerate(self._obstacles):
             gap = min(gap, float(obstacle.distance(x, time).min(initial=np.inf)))
-            total = self._gradient(j, x).sum(axis=0) if self.active else np.zeros(x.shape[1])
+            total = self._gradient(j, x).sum(axis=0) if active else np.zeros(x.shape[1])
             force += float(np.linalg.norm(self._comm.allreduce(total)))
         self._time = before
         return {"smallest_gap": self._comm.allreduce(gap, op=MPI.MIN), "contact_force": force}
@@ -346,7 +325,7 @@ class Contact:
     def barrier_energy(self, u: NDArray, time: float) -> float:
         """κ Σ A b(φ) [J], what contact can give back."""
         x, total = self._space.positions[self._nodes] + u[self._dofs], 0.0
-        for obstacle in self._obstacles if self.active else ():
+        for obstacle in self._obstacles:
             phi = obstacle.distance(x, time)
             total += self.stiffness * float(self._areas @ barrier(phi, self.reach)[0])
         return self._comm.allreduce(total)

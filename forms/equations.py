@@ -18,7 +18,7 @@ from .integrators import Terms
 from .space import Space
 
 if TYPE_CHECKING:
-    from .contact import Contact
+    from .contacts import Contacts
 
 Load = tuple[Sequence[str], Callable[[NDArray, float], NDArray]]
 
@@ -36,8 +36,10 @@ class Equations:
         Whether the residual is the gradient of `energy` (not with pressures, not with the IFE extension).
     held : (n,) int32
         Owned degrees of freedom with prescribed displacement.
-    contact : Contact or None
+    contact : Contacts or None
         Adds its energy, force and Hessian.
+    matrix : PETSc.Mat
+        The tangent.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class Equations:
         self.space, self.laws, self.constraints = space, laws, constraints
         self.comm: Any = space.comm
         self.terms: Terms | None = None
-        self.contact: Contact | None = None
+        self.contact: Contacts | None = None
         self.loads_at: float | None = None  # time of the loads in force
         self.weights = space.weights()
         self.pressures = [Pressure(space, names, value) for names, value in pressures]
@@ -97,7 +99,7 @@ class Equations:
             compat.add_matrix(self.mass, compiled, [])
             self.mass.assemble()
         self._tangent_form = compat.form(tangent)
-        self.matrix = compat.matrix(self._tangent_form)
+        self.matrix = self._stiffness = compat.matrix(self._tangent_form)
         self.matrix.setBlockSize(d)
         self.vector = compat.vector(self._residual_form)
         self.load = self.vector.duplicate()
@@ -125,6 +127,13 @@ class Equations:
             vec.normalize()
             basis.append(vec)
         return PETSc.NullSpace().create(vectors=basis, comm=self.comm)
+
+    def meet(self, contact: Contacts) -> None:
+        """Add contact; before a solver is made, since the tangent may need a pattern that changes."""
+        self.contact = contact
+        if contact.surface is not None:
+            self.matrix = compat.unfilled(self._stiffness)
+            self.matrix.setNearNullSpace(self._stiffness.getNearNullSpace())
 
     # ------------------------------------------------------------------ what SNES asks
 
@@ -206,13 +215,16 @@ class Equations:
                 self._alpha.value = self.terms.alpha + self.mass_damping * self.terms.gamma
                 if self._stiffness_damping:
                     self.laws.tangent.x.array[:] += self._stiffness_damping * self.terms.gamma * self._lagged
-            out.zeroEntries()
-            compat.add_matrix(out, self._tangent_form, self.constraints.conditions)
+            stiffness = self._stiffness
+            stiffness.zeroEntries()
+            compat.add_matrix(stiffness, self._tangent_form, self.constraints.conditions)
             for pressure in self.pressures:
-                pressure.add_tangent(out, self.constraints.conditions)
+                pressure.add_tangent(stiffness, self.constraints.conditions)
             if self.contact is not None:
-                self.contact.add_tangent(out)
-            out.assemble()
+                self.contact.add_tangent(stiffness)
+            stiffness.assemble()
+            if self.contact is not None and self.contact.surface is not None:
+                compat.fill(out, stiffness, self.contact.coupling(projected))
 
     def linear_force(self, here: PETSc.Vec, change: NDArray) -> PETSc.Vec:
         """Residual at `here` plus the projected tangent there times `change` (local values); fills `matrix`.
@@ -233,6 +245,8 @@ class Equations:
             self._work.array[:] = change[: self.owned]
             self.mass.mult(self._work, self._product)
             self.vector.axpy(float(self._alpha.value), self._product)
+        if self.contact is not None:
+            self.contact.add_linear(change, self.vector)
         self.vector.array[self.held] = 0
         return self.vector
 
@@ -332,7 +346,7 @@ class Equations:
 
     def destroy(self) -> None:
         """Free the PETSc objects."""
-        for used in (self.matrix, self.vector, self.load, self._work, self._product, self.mass):
+        for used in (self.matrix, self._stiffness, self.vector, self.load, self._work, self._product, self.mass):
             if used is not None:
                 used.destroy()
 

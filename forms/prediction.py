@@ -17,8 +17,8 @@ def follow_boundary(equations: Equations, newton: Newton, start: NDArray, moved:
     """Where Newton should begin when the boundary has moved.
 
     Each linear solve takes the boundary part of the way, the body after it, and corrects what is left of the
-    residual; the part is halved where an element of a body without inverted ones would invert. A jump of the
-    boundary alone, the crudest guess, is kept where it has less energy.
+    residual; the part is halved where an element of a body without inverted ones would invert, or something in contact
+    would be entered. A jump of the boundary alone, the crudest guess, is kept where it has less energy.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def follow_boundary(equations: Equations, newton: Newton, start: NDArray, moved:
     (local nodes * d,)
     """
     jump = moved - start
-    comm = equations.comm
+    comm, contact = equations.comm, equations.contact
     if comm.allreduce(float(np.abs(jump).max(initial=0)), op=MPI.MAX) == 0 or not equations.has_energy:
         return moved
     here, done, part = start, 0.0, 1.0
@@ -43,7 +43,8 @@ def follow_boundary(equations: Equations, newton: Newton, start: NDArray, moved:
         for _ in range(MOST_SOLVES):
             part = min(part, 1 - done)
             ahead = _follow(equations, newton, x, here, part * jump)
-            if may_invert or not _inverted(equations, ahead):
+            upright = may_invert or not _inverted(equations, ahead)
+            if upright and (contact is None or contact.fits(ahead)):
                 here, done = ahead, done + part
                 part *= 2
             else:

@@ -27,7 +27,7 @@ from .state import gather, scatter
 if TYPE_CHECKING:
     from extremal.obstacles.colliders import Collider
 
-    from .contact import Contact
+    from .contacts import Contacts
 
 LAGS = 10  # most solves of a step with friction after the first: its forces follow those of the solve before
 
@@ -74,7 +74,7 @@ class ElasticProblem:
     obstacles : sequence of Collider
         What the body's surface cannot enter.
     contact : mapping
-        distance, stiffness, after: see `Contact`.
+        distance, stiffness, after, self, friction: see `made` in `contacts`.
     """
 
     def __init__(
@@ -119,13 +119,13 @@ class ElasticProblem:
             tractions=tractions,
             pressures=pressures,
         )
-        self.contact: Contact | None = None
-        if obstacles:
-            from .contact import Contact
+        self.contact: Contacts | None = None
+        if obstacles or (contact or {}).get("self"):
+            from . import contacts
 
             held, stiff = self.constraints.dofs, self.laws.stiffness_scale()
-            self.contact = Contact(self.space, obstacles, held, stiff, **contact or {})
-            self.equations.contact = self.contact
+            self.contact = contacts.made(self.space, obstacles, held, stiff, **contact or {})
+            self.equations.meet(self.contact)
         d = self.space.dimension
         volume = self.comm.allreduce(float(self.equations.weights.sum()))
         self.tolerance = tolerance * self.laws.stiffness_scale() * volume ** ((d - 1) / d)
@@ -146,6 +146,7 @@ class ElasticProblem:
             "pressure": bool(pressures),
             "continuation": bool(stages),
             "contact": bool(obstacles),
+            "self_contact": self.contact is not None and self.contact.surface is not None,
         }
         self.effects: dict[str, dict[str, Any]] = {name: {} for name, there in present.items() if there}
 
@@ -242,8 +243,10 @@ class ElasticProblem:
 
         newton = self._solver(before.u)
         guess = follow_boundary(self.equations, newton, start, moved)
-        if self.contact is not None and not self.contact.fits(guess):
+        if self.contact is not None and not self._is_free(start, guess):
             guess = moved
+            if not self._is_free(start, guess):
+                raise StepFailure("parts of the surface would meet as the boundary moves")
         figures, stages = self._solve(newton, guess)
         for _ in range(LAGS if self.contact is not None else 0):
             self.equations.set(self.unknown)
@@ -261,11 +264,17 @@ class ElasticProblem:
         if self.contact is not None:
             self.contact.set_time(self.time + dt)
             if not self.contact.fits(new.u):
-                raise StepFailure("a node would enter an obstacle by the end of the step")
+                raise StepFailure("something would be entered by the end of the step")
         wanted = self._check_error(self._scheme, before, new, dt)
         self.motion = new
         u[:] = new.u
         return figures, stages, wanted
+
+    def _is_free(self, start: NDArray, end: NDArray) -> bool:
+        """Whether the body can go straight from one displacement to the other (local values)."""
+        assert self.contact is not None
+        self.contact.search_from(start)
+        return self.contact.fits(end)
 
     def _meet_obstacles(self, u: NDArray, time: float) -> NDArray:
         """`u` with the nodes moved that obstacles at `time` would be upon; contact begins where it waits to."""
