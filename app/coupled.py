@@ -81,7 +81,7 @@ class CoupledProblem:
         try:
             with self._event:
                 self.solid.advance(dt)
-                surface = Facets(self.surface.positions(), self.surface.facets)
+                surface = Facets(self.surface.positions(), self.surface.facets, self.surface.cells)
                 self._exchange.place(surface, self.surface.velocities(), self.surface.mass)
             figures = self.snow.advance(dt)
         except ArithmeticError:

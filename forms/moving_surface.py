@@ -31,10 +31,12 @@ class MovingSurface:
 
     Attributes
     ----------
+    cells : (c, d + 1) int
+        Simplices of positive volume, by the canonical numbers of their nodes.
     facets : (f, d) int
-        Surface nodes of each facet, turned outwards.
+        Those of the surface, turned outwards.
     mass : (n,) [kg]
-        Of the surface nodes; infinite where all components are prescribed.
+        Of all nodes of the body; infinite where all components are prescribed.
     outside : (d,) [N s]
         Impulse on the body, since the start, of all but `push`: of loads, obstacles, and what holds it.
     """
@@ -44,14 +46,9 @@ class MovingSurface:
         self._d = d = space.dimension
         self._equations = problem.equations
         self._owned = self._equations.owned // d
-        facets = self._comm.bcast(self._facets())
-        numbers, flat = np.unique(facets, return_inverse=True)  # canonical numbers of the surface's nodes
-        self.facets = flat.reshape(-1, d)
-        self.count = len(numbers)
-        at = np.minimum(np.searchsorted(numbers, space.nodes), self.count - 1)
-        self._local = np.flatnonzero(numbers[at] == space.nodes)  # ghosts too
-        self._at = at[self._local]
-        self._mine = self._local < self._owned
+        self.cells = self._comm.bcast(self._cells())
+        self.facets = boundary(self.cells)
+        self._nodes = space.nodes[: self._owned]
         free = np.ones(len(space.nodes) * d, dtype=bool)
         free[problem.constraints.dofs] = False
         self._free = free.reshape(-1, d)
@@ -66,27 +63,26 @@ class MovingSurface:
     def _comm(self) -> MPI.Comm:
         return self._problem.comm
 
-    def _facets(self) -> NDArray | None:
-        """Facets by canonical numbers, on rank 0."""
+    def _cells(self) -> NDArray | None:
+        """On rank 0; None elsewhere."""
         geometry = self._problem.geometry()
         if geometry is None:
             return None
         points, cells, _ = geometry
         corners = points[cells][:, :, : self._d]
         turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
-        cells = np.where(turned[:, None], cells[:, [1, 0, *range(2, self._d + 1)]], cells)
-        return boundary(cells)
+        return np.where(turned[:, None], cells[:, [1, 0, *range(2, self._d + 1)]], cells)
 
     # ------------------------------------------------------------------ where it is and how it moves
 
     def positions(self) -> NDArray:
-        """Where the surface's nodes are (n, d) [m] (collective)."""
+        """Where the nodes are (n, d) [m] (collective)."""
         d = self._d
         u = self._problem.motion.u.reshape(-1, d)[: self._owned]
         return self._gather(self._problem.space.positions[: self._owned] + u)
 
     def velocities(self) -> NDArray:
-        """ṽ (n, d) [m/s] of the surface's nodes; that prescribed where they are held (collective)."""
+        """ṽ (n, d) [m/s] of the nodes; that prescribed where they are held (collective)."""
         v = self._problem.motion.v[: self._equations.owned]
         smooth = self._gather(self._times_mass(v)) / self._rows[:, None]
         return np.where(np.isinf(self.mass)[:, None], self._gather(v.reshape(-1, self._d)), smooth)
@@ -97,11 +93,10 @@ class MovingSurface:
 
     def push(self, impulses: NDArray) -> None:
         """Change the velocity by `impulses` (n, d) [N s], the same on all ranks; what is held does not give way."""
-        motion, d = self._problem.motion, self._d
-        v = motion.v.copy().reshape(-1, d)
-        change = impulses / self._rows[:, None]
-        v[self._local] += np.where(self._free[self._local], change[self._at], 0.0)
-        self._problem.motion = replace(motion, v=v.ravel())
+        motion = self._problem.motion
+        change = (impulses / self._rows[:, None])[self._problem.space.nodes]
+        v = motion.v + np.where(self._free, change, 0.0).ravel()
+        self._problem.motion = replace(motion, v=v)
         self.outside -= np.where(self._held, impulses, 0.0).sum(axis=0)
 
     def keep(self) -> tuple[Motion, float, bool, NDArray]:
@@ -131,6 +126,7 @@ class MovingSurface:
         force.array[:] = held + equations.load.array
         if equations.contact is not None:
             touch = equations.vector.duplicate()
+            touch.set(0.0)
             equations.contact.add_force(touch)
             force.axpy(-1.0, touch)
             touch.destroy()
@@ -159,8 +155,8 @@ class MovingSurface:
         return total
 
     def _gather(self, values: NDArray) -> NDArray:
-        """Of values (owned nodes, c) those of the surface (n, c), on all ranks."""
-        out = np.zeros((self.count, values.shape[1]))
-        out[self._at[self._mine]] = values[self._local[self._mine]]
+        """Values (owned nodes, c) of all nodes (n, c), by their canonical numbers, on all ranks."""
+        out = np.zeros((self._problem.space.node_count, values.shape[1]))
+        out[self._nodes] = values
         self._comm.Allreduce(MPI.IN_PLACE, out)
         return out

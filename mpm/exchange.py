@@ -108,8 +108,7 @@ class Exchange:
         self._give((attached[:, None] * change)[self._points])
 
     def _meet(self, x: NDArray, v: NDArray, mass: NDArray) -> tuple[NDArray, NDArray]:
-        low, high = self._surface.bounds()
-        near = np.flatnonzero(((x >= low - self._on) & (x <= high + self._on)).all(axis=1))
+        near = self._surface.near(x, self._on)
         found = self._surface.nearest(x[near])
         inside = found.phi <= self._on
         points, nodes, weights = near[inside], found.nodes[inside], found.weights[inside]

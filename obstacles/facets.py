@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from .geometry import directed, length
 
 FIRST = 12  # facets looked at for each point; more where those cannot be all that may be nearest
-AT_ONCE = 1 << 18  # pairs of points and facets in a pass: what it needs stays below 100 MB
+AT_ONCE = 1 << 18  # points times facets in a pass: what it needs stays below 100 MB
 
 
 class Nearest(NamedTuple):
@@ -47,48 +47,92 @@ class Facets:
         Corners.
     facets : (f, d) int
         Triangles seen counterclockwise from outside; segments with the inside to their left.
+    cells : (n, d + 1) int, optional
+        Simplices that fill it: `near` leaves out what is far from all of them.
     """
 
-    def __init__(self, points: NDArray, facets: NDArray) -> None:
+    def __init__(self, points: NDArray, facets: NDArray, cells: NDArray | None = None) -> None:
         self.points, self.facets = points, facets
         self._corners = corners = points[facets]
+        d = points.shape[1]
         middle = corners.mean(axis=1)
-        self._radius = float(length(corners - middle[:, None]).max())
+        self._radius = length(corners - middle[:, None]).max(axis=1)
+        self._largest = float(self._radius.max())
         self._tree = cKDTree(middle)
-        self._normals = directed(_normals(corners), np.eye(points.shape[1])[-1])
+        self._normals = directed(_normals(corners), np.eye(d)[-1])
+        ends = ((0, 1), (1, 2), (2, 0))[: 1 if d == 2 else 3]
+        self._along = np.stack([corners[:, j] - corners[:, i] for i, j in ends], axis=1)  # (f, edges, d)
+        size = np.einsum("fed,fed->fe", self._along, self._along)
+        self._slope = self._along / np.where(size > 0, size, 1.0)[:, :, None]
         self._at_corners = np.zeros_like(points)
         for k, angle in enumerate(_angles(corners).T):
             np.add.at(self._at_corners, facets[:, k], angle[:, None] * self._normals)
-        self._at_edges = self._edge_normals() if points.shape[1] == 3 else None
+        self._at_edges = self._edge_normals() if d == 3 else None
+        self._cells: cKDTree | None = None
+        if cells is not None:
+            middle = points[cells].mean(axis=1)
+            self._reach = float(length(points[cells] - middle[:, None]).max())
+            self._cells = cKDTree(middle)
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         """Corners (d,) [m] of the box around the surface."""
-        return self.points.min(axis=0), self.points.max(axis=0)
+        corners = self._corners.reshape(-1, self.points.shape[1])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def near(self, x: NDArray, margin: float) -> NDArray:
+        """Numbers of those of the points x (n, d) [m] that may be inside, or outside by at most `margin` [m]."""
+        low, high = self.bounds()
+        found = np.flatnonzero(((x >= low - margin) & (x <= high + margin)).all(axis=1))
+        if self._cells is None or not len(found):
+            return found
+        reach = self._reach + margin
+        away, _ = self._cells.query(x[found], distance_upper_bound=reach * (1 + 1e-9))
+        return found[np.isfinite(away)]
 
     def nearest(self, x: NDArray) -> Nearest:
         """The places nearest to points x (n, d) [m]."""
         facet = np.zeros(len(x), dtype=np.int64)
-        weights = np.zeros((len(x), x.shape[1]))
         count, todo = min(FIRST, len(self.facets)), np.arange(len(x))
         while len(todo):
             unsure = []
             for part in np.array_split(todo, max(1, len(todo) * count // AT_ONCE)):
-                found, weights[part], sure = self._among(x[part], count)
-                facet[part] = found
+                facet[part], sure = self._among(x[part], count)
                 unsure.append(part[~sure])
             todo, count = np.concatenate(unsure), min(4 * count, len(self.facets))
-        return self._signed(x, facet, weights)
+        return self._signed(x, facet)
 
-    def _among(self, x: NDArray, count: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Nearest of the `count` facets with the nearest middles, weights, and whether no other can be nearer."""
+    def _among(self, x: NDArray, count: int) -> tuple[NDArray, NDArray]:
+        """Nearest of the `count` facets with the nearest middles, and whether no other can be nearer."""
         away, which = self._tree.query(x, k=[*range(1, count + 1)])
-        weights, size = _closest(x[:, None, :], self._corners[which])
+        point, column = np.nonzero(away - self._radius[which] <= away[:, :1])
+        facet = which[point, column]
+        size = np.full(away.shape, np.inf)
+        size[point, column] = self._places(x[point], facet)[1]
         best, rows = size.argmin(axis=1), np.arange(len(x))
-        sure = away[:, -1] >= size[rows, best] + self._radius
-        return which[rows, best], weights[rows, best], sure | (count == len(self.facets))
+        sure = away[:, -1] >= size[rows, best] + self._largest
+        return which[rows, best], sure | (count == len(self.facets))
 
-    def _signed(self, x: NDArray, facet: NDArray, weights: NDArray) -> Nearest:
-        nodes = self.facets[facet]
+    def _places(self, x: NDArray, facet: NDArray) -> tuple[NDArray, NDArray]:
+        """Weights (n, d) of the place on facet number `facet` (n,) nearest to x (n, d), and its distance (n,) [m]."""
+        d, along = x.shape[1], self._along[facet]
+        arms = x[:, None, :] - self._corners[facet][:, : along.shape[1]]
+        part = np.clip(np.einsum("ned,ned->ne", arms, self._slope[facet]), 0.0, 1.0)
+        apart = length(arms - part[:, :, None] * along)
+        edge, rows = apart.argmin(axis=1), np.arange(len(x))
+        weights, best = np.zeros((len(x), d)), apart[rows, edge]
+        weights[rows, edge] = 1 - part[rows, edge]
+        weights[rows, (edge + 1) % d] = part[rows, edge]
+        if d == 3:
+            n, a, b, arm = self._normals[facet], along[:, 0], -along[:, 2], arms[:, 0]
+            volume = np.einsum("nd,nd->n", np.cross(a, b), n)
+            s, t = (np.einsum("nd,nd->n", np.cross(*pair), n) for pair in ((arm, b), (a, arm)))
+            within = (s > 0) & (t > 0) & (s + t < volume)
+            inner = np.stack([volume - s - t, s, t], axis=1)[within] / volume[within, None]
+            weights[within], best[within] = inner, np.abs(np.einsum("nd,nd->n", arm, n))[within]
+        return weights, best
+
+    def _signed(self, x: NDArray, facet: NDArray) -> Nearest:
+        nodes, (weights, _) = self.facets[facet], self._places(x, facet)
         place = np.einsum("nk,nkd->nd", weights, self.points[nodes])
         normal, zeros = self._normals[facet], weights == 0
         on_corner = zeros.sum(axis=1) == x.shape[1] - 1
@@ -144,30 +188,3 @@ def _angles(corners: NDArray) -> NDArray:
         a, b = (corners[:, (k + j) % 3] - corners[:, k] for j in (1, 2))
         out[:, k] = np.arctan2(length(np.cross(a, b)), np.einsum("ni,ni->n", a, b))
     return out
-
-
-def _closest(x: NDArray, corners: NDArray) -> tuple[NDArray, NDArray]:
-    """Weights (n, m, d) of the place nearest to x (n, 1, d) on each facet (n, m, d, d), and its distance (n, m)."""
-    d = corners.shape[-1]
-    best = np.full(corners.shape[:2], np.inf)
-    weights = np.zeros(corners.shape[:3])
-    for i, j in ((0, 1), (1, 2), (2, 0))[: 1 if d == 2 else 3]:
-        along, arm = corners[:, :, j] - corners[:, :, i], x - corners[:, :, i]
-        size = np.einsum("nmi,nmi->nm", along, along)
-        part = np.clip(np.einsum("nmi,nmi->nm", arm, along) / np.where(size > 0, size, 1.0), 0.0, 1.0)
-        apart = length(arm - part[..., None] * along)
-        nearer = apart < best
-        best = np.where(nearer, apart, best)
-        here = np.zeros_like(weights)
-        here[..., i], here[..., j] = 1 - part, part
-        weights = np.where(nearer[..., None], here, weights)
-    if d == 2:
-        return weights, best
-    a, b, arm = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0], x - corners[:, :, 0]
-    aa, ab, bb, ax, bx = (np.einsum("nmi,nmi->nm", *pair) for pair in ((a, a), (a, b), (b, b), (a, arm), (b, arm)))
-    area = aa * bb - ab * ab
-    s, t = ((p / np.where(area > 0, area, 1.0)) for p in (bb * ax - ab * bx, aa * bx - ab * ax))
-    within = (area > 0) & (s > 0) & (t > 0) & (s + t < 1)
-    apart = length(arm - s[..., None] * a - t[..., None] * b)
-    inner = np.stack([1 - s - t, s, t], axis=-1)
-    return np.where(within[..., None], inner, weights), np.where(within, apart, best)
