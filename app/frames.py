@@ -80,6 +80,12 @@ def read_points(path: Path) -> NDArray[Any]:
     return np.asarray(read_frame(path).points, dtype=float)
 
 
+def read_nodes(path: Path) -> NDArray[Any]:
+    """Return the nodes (n, 3) [m] of the deformed mesh in a frame."""
+    mesh = read_frame(path)
+    return np.asarray(mesh.points + mesh.point_data.get("displacement", np.zeros_like(mesh.points)), dtype=float)
+
+
 def read_shape(path: Path, quantity: str | None = None, curved: bool = False) -> Shape:
     """Return the surface of the deformed mesh in a frame.
 

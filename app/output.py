@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from .parallel import on_root
 from .problem import Problem
 from .progress import Progress
-from .results import HISTORY, ITERATIONS, Frames, OutputError, Series, Table, write_columns
+from .results import HISTORY, ITERATIONS, SOLID, Frames, OutputError, Series, Table, write_columns
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,6 +60,7 @@ class Output:
         self.comm = problem.comm
         self.event = PETSc.Log.Event("session:output")
         self.series: Frames | None = None
+        self.solid_series: Series | None = None
         self.progress: Progress | None = None
         self.every = getattr(settings, "iterations", None)
         self.has_fields = self.has_particles = False
@@ -75,6 +76,8 @@ class Output:
         """Go on with the tables and frames in the folder, less what came after the current step."""
         self.has_particles = hasattr(self.problem, "particle_fields")
         self.has_fields = self.comm.bcast(geometry is not None) or self.has_particles
+        solid = getattr(self.problem, "solid", None)
+        shape = None if solid is None else solid.geometry()
 
         def go_on() -> None:
             self.history = Table(self.folder / HISTORY)
@@ -88,6 +91,8 @@ class Output:
 
                 h = self.problem.h if self.settings.vdb else None  # type: ignore[attr-defined]
                 self.series = ParticleFrames(self.folder, frame_times, h)
+            if shape is not None:
+                self.solid_series = Series(self.folder / SOLID, shape, frame_times)
 
         on_root(self.comm, go_on)
         self.progress = progress
@@ -178,12 +183,16 @@ class Output:
     def _gather_particles(self, time: float) -> Callable[[], None]:
         particles = self.problem.particle_fields(self.settings.fields)  # type: ignore[attr-defined]
         mass = self.problem.state().get("mass") if self.settings.vdb else None
+        solid = getattr(self.problem, "solid", None)
+        body = None if solid is None else solid.fields()
 
         def write() -> None:
             from .particles_output import ParticleFrames
 
             assert isinstance(self.series, ParticleFrames)
             self.series.write(time, particles, mass)
+            if self.solid_series is not None and body is not None:
+                self.solid_series.write(time, *body)
 
         return write
 

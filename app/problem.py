@@ -65,6 +65,8 @@ class ParticleProblem(Problem, Protocol):
     ----------
     h : float
         Edge of a cell of the background grid [m].
+    solid : Problem, optional
+        Only where there is one: a body with a mesh, whose fields are written too.
     """
 
     h: float

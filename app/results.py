@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 SCENE, RECORD, SUMMARY = "scene.toml", "run.json", "summary.png"
 HISTORY, ITERATIONS = "history.csv", "iterations.csv"
 SERIES, FRAMES, CHECKPOINTS = "fields.pvd", "fields", "checkpoints"
+SOLID = "solid"  # folder for the frames of an elastic body among particles
 PREDICTIONS, PARAMETERS, EVENTS, SCORES = "predictions.csv", "parameters.csv", "events.csv", "scores.csv"
 UNRESOLVABLE, CALIBRATION = "unresolvable.csv", "calibration.csv"
 TABLES = (PREDICTIONS, PARAMETERS, EVENTS, SCORES, UNRESOLVABLE, CALIBRATION)
@@ -92,6 +93,7 @@ def prepare(folder: Path, keep: bool) -> None:
     try:
         for place in (folder, folder / FRAMES, folder / CHECKPOINTS):
             place.mkdir(parents=True, exist_ok=True)
+        for place in (folder, folder / FRAMES, folder / CHECKPOINTS, folder / SOLID, folder / SOLID / FRAMES):
             for partial in place.glob(f".*{PARTIAL}"):
                 partial.unlink()
         if keep:
@@ -99,7 +101,9 @@ def prepare(folder: Path, keep: bool) -> None:
         # only files of ours: the folder may hold a user's notes too
         for name in (SCENE, HISTORY, ITERATIONS, RECORD, SUMMARY, SERIES, *TABLES):
             (folder / name).unlink(missing_ok=True)
+        (folder / SOLID / SERIES).unlink(missing_ok=True)
         frames = [*(folder / FRAMES).glob("frame_*.vtu"), *(folder / FRAMES).glob("density_*.vdb")]
+        frames += (folder / SOLID / FRAMES).glob("frame_*.vtu")
         for old in [*frames, *(folder / CHECKPOINTS).glob("step_*.h5")]:
             old.unlink()
     except OSError as error:
@@ -196,6 +200,7 @@ class Frames:
     def __init__(self, folder: Path, times: list[float]) -> None:
         self.folder = folder
         self.times = list(times)
+        (folder / FRAMES).mkdir(parents=True, exist_ok=True)
         # written after the checkpoint that the run goes on from
         for frame in (folder / FRAMES).glob("*_*.*"):
             number = frame.stem.rpartition("_")[2]
@@ -278,8 +283,10 @@ def volume_name(index: int) -> str:
 def adopt(source: Path, folder: Path, frames: int) -> None:
     """Take over tables and the first `frames` frames of another results folder, to go on in this one."""
     shown = [name for index in range(frames) for name in (Frames.name(index), volume_name(index))]
+    shown += [f"{SOLID}/{Frames.name(index)}" for index in range(frames)]
     for name in [HISTORY, ITERATIONS, *shown]:
         if (source / name).exists():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             with atomic(folder / name) as partial:
                 try:
                     # frames never change once written, so they can be shared; tables grow and cannot

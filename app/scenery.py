@@ -15,7 +15,7 @@ from extremal.obstacles.shapes import HalfSpace
 
 from .colliders import colliders
 from .errors import InputError
-from .results import SCENE
+from .results import SCENE, SERIES, SOLID
 from .scene import read_toml, validate
 
 if TYPE_CHECKING:
@@ -43,9 +43,14 @@ def recorded_colliders(record: Mapping[str, Any], folder: Path, dimension: int) 
         scene = validate(read_toml(folder / SCENE))
         # files are beside the scene, not beside the results
         scene._path = Path(record["scene_file"])
-        return colliders(scene, scene.collider, dimension)
+        found = colliders(scene, scene.collider, dimension)
     except (InputError, KeyError, TypeError):
-        return []  # a picture without obstacles is better than none
+        found = []  # a picture without obstacles is better than none
+    if (folder / SOLID / SERIES).exists():
+        from .solid_frames import RecordedSolid
+
+        found.append(RecordedSolid(folder / SOLID, dimension))
+    return found
 
 
 @dataclass

@@ -196,7 +196,8 @@ def _obstacles(
         x = view.eye + along[hit, None] * rays[hit]
         normal = collider.normal(x, time)
         facing = np.clip(normal @ shade.sun, 0.0, 1.0) * shade.light(x, snow=False)
-        colour = STONE * (facing[:, None] * SUN * 1.1 + AMBIENT * 0.9) * _lines(x, normal, view.reach)[:, None]
+        colour = getattr(collider, "color", STONE) * (facing[:, None] * SUN * 1.1 + AMBIENT * 0.9)
+        colour *= _lines(x, normal, view.reach)[:, None]
         apart = np.linalg.norm(x - view.middle, axis=1) / view.reach
         fog = np.clip((apart - 1.6) / 5.0, 0.0, 1.0)[:, None] ** 0.7
         flat[hit] = (1 - fog) * colour + fog * flat[hit]
@@ -251,7 +252,8 @@ def draw_plane(
     grid = np.stack(np.broadcast_arrays(x[None, :], y[:, None]), axis=2).reshape(-1, 2)
     for collider in colliders:
         phi = collider.distance(grid, time).reshape(height, width)
-        image[phi <= 0] = STONE * (AMBIENT + 0.55 * np.exp(np.maximum(phi[phi <= 0], -1e9) * scale / 40)[:, None] * SUN)
+        deep = np.exp(np.maximum(phi[phi <= 0], -1e9) * scale / 40)[:, None]
+        image[phi <= 0] = getattr(collider, "color", STONE) * (AMBIENT + 0.55 * deep * SUN)
     cells = np.floor((points - points.min(axis=0)) / (1.6 * spacing)).astype(np.int64)
     filled = np.zeros(cells.max(axis=0) + 1)
     np.add.at(filled, tuple(cells.T), 1.0 / 1.6**2)

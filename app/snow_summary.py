@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib import ticker
 from matplotlib.figure import Figure
 
-from .frames import frame_list, read_points
-from .results import HISTORY, SUMMARY
+from .frames import frame_list, read_nodes, read_points
+from .results import HISTORY, SOLID, SUMMARY
 from .scenery import recorded_colliders
 from .snow_picture import draw_plane, draw_space
 from .summary_page import columns, page, say_nothing, worth
@@ -30,6 +30,7 @@ ENERGIES = {
     "elastic_energy": "#2ca02c",
     "gravitational_energy": "#8c564b",
     "plastic_dissipation": "#ff7f0e",
+    "solid_energy": "#d62728",
 }
 
 
@@ -59,12 +60,24 @@ class Frame:
     title: str
     time: float
     points: NDArray[Any]  # (n, 3) [m]
+    solid: NDArray[Any]  # nodes (m, 3) [m] of an elastic body
+
+    @property
+    def bounds(self) -> NDArray[Any]:
+        """Corners (2, 3) [m] of the body and nearly all particles: a few far ones shall not make the rest a speck."""
+        low, high = np.percentile(self.points, (0.5, 99.5), axis=0)
+        whole = np.vstack([low, high, self.solid])
+        low, high = whole.min(axis=0), whole.max(axis=0)
+        margin = 0.06 * max(float((high - low).max()), 1e-9)
+        return np.array([low - margin, high + margin])
 
 
 def read_frame(folder: Path, entry: tuple[float, str]) -> Frame:
     """Read a frame that `frame_list` names."""
     time, file = entry
-    return Frame(f"t = {time:.3g} s", time, read_points(folder / file))
+    body = folder / SOLID / file
+    solid = read_nodes(body) if body.exists() else np.zeros((0, 3))
+    return Frame(f"t = {time:.3g} s", time, read_points(folder / file), solid)
 
 
 def first_and_last(folder: Path) -> list[Frame]:
@@ -77,7 +90,7 @@ def overall_bounds(folder: Path) -> NDArray[Any]:
     """Return corners (2, 3) [m] of what holds nearly all particles from the beginning to the end."""
     entries = frame_list(folder)
     chosen = sorted({0, len(entries) // 3, 2 * len(entries) // 3, len(entries) - 1})
-    extents = np.array([_bounds(read_frame(folder, entries[index]).points) for index in chosen])
+    extents = np.array([read_frame(folder, entries[index]).bounds for index in chosen])
     return np.array([extents[:, 0].min(axis=0), extents[:, 1].max(axis=0)])
 
 
@@ -104,7 +117,7 @@ def stage(record: Mapping[str, Any], folder: Path) -> Stage:
 
 
 def _draw_pictures(figure: Figure, seen: Stage, frames: list[Frame]) -> None:
-    extents = [_bounds(frame.points) for frame in frames]
+    extents = [frame.bounds for frame in frames]
     whole = np.array([np.min(extents, axis=0)[0], np.max(extents, axis=0)[1]])
     sizes = [np.ptp(extent, axis=0).max() for extent in extents]
     # one scale for both, unless what there is to see would become a speck
@@ -129,13 +142,6 @@ def picture(
     if view is None:
         view = choose_view(bounds, seen.colliders, [frame.time], seen.up, size[0] / size[1])
     return draw_space(frame.points, seen.spacing, seen.colliders, frame.time, view, size)
-
-
-def _bounds(points: NDArray[Any]) -> NDArray[Any]:
-    """Return corners (2, 3) of what holds nearly all particles: a few far ones shall not make the rest a speck."""
-    low, high = np.percentile(points, (0.5, 99.5), axis=0)
-    margin = 0.06 * max(float((high - low).max()), 1e-9)
-    return np.array([low - margin, high + margin])
 
 
 def _is_wide(bounds: NDArray[Any], seen: Stage) -> bool:

@@ -32,7 +32,7 @@ class MovingSurface:
     Attributes
     ----------
     cells : (c, d + 1) int
-        Simplices of positive volume, by the canonical numbers of their nodes.
+        Simplices, by the canonical numbers of their nodes.
     facets : (f, d) int
         Those of the surface, turned outwards.
     mass : (n,) [kg]
@@ -46,8 +46,8 @@ class MovingSurface:
         self._d = d = space.dimension
         self._equations = problem.equations
         self._owned = self._equations.owned // d
-        self.cells = self._comm.bcast(self._cells())
-        self.facets = boundary(self.cells)
+        points, self.cells, _ = self._comm.bcast(problem.geometry())
+        self.facets = boundary(points[:, :d], self.cells)
         self._nodes = space.nodes[: self._owned]
         free = np.ones(len(space.nodes) * d, dtype=bool)
         free[problem.constraints.dofs] = False
@@ -62,16 +62,6 @@ class MovingSurface:
     @property
     def _comm(self) -> MPI.Comm:
         return self._problem.comm
-
-    def _cells(self) -> NDArray | None:
-        """On rank 0; None elsewhere."""
-        geometry = self._problem.geometry()
-        if geometry is None:
-            return None
-        points, cells, _ = geometry
-        corners = points[cells][:, :, : self._d]
-        turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
-        return np.where(turned[:, None], cells[:, [1, 0, *range(2, self._d + 1)]], cells)
 
     # ------------------------------------------------------------------ where it is and how it moves
 

@@ -157,11 +157,18 @@ class Facets:
         return total[edge].reshape(-1, 3, 3)
 
 
-def boundary(cells: NDArray) -> NDArray:
+def boundary(points: NDArray, cells: NDArray) -> NDArray:
     """Facets (f, d) of simplices (n, d + 1) that belong to one of them only, turned outwards as `Facets` wants them.
 
-    The simplices have positive volume; numbers of their corners are kept.
+    Parameters
+    ----------
+    points : (m, d)
+        Where no simplex is turned inside out.
+    cells : (n, d + 1) int
     """
+    corners = points[cells]
+    mirrored = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
+    cells = np.where(mirrored[:, None], cells[:, [1, 0, *range(2, cells.shape[1])]], cells)
     if cells.shape[1] == 3:
         opposite = np.array([[1, 2], [2, 0], [0, 1]])
     else:
