@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import json
 import math
 import os
-import re
 import resource
 import select
 import shutil
@@ -274,15 +274,17 @@ def _numbers(folder: Path, failed: bool) -> Iterator[tuple[str, float]]:
     """Every number of the tables of a run, less those that may be no finite ones.
 
     Standard errors are infinite where the events say nothing of a parameter; the iterations of a solve that failed show
-    where it did.
+    where it did. People may be called "inf" or "nan".
     """
     for path in folder.glob("*.csv"):
         if path.name == "parameters.csv" or (failed and path.name == "iterations.csv"):
             continue
-        for line in path.read_text().splitlines()[1:]:
-            for text in re.split(",", line):
-                with contextlib.suppress(ValueError):
-                    yield f"{path.name}: {line[:200]}", float(text)
+        with open(path, newline="") as file:
+            for row in csv.DictReader(file):
+                for column, text in row.items():
+                    if not column.endswith(("first", "second")):
+                        with contextlib.suppress(ValueError):
+                            yield f"{path.name}: {column} of {row}", float(text)
 
 
 def _originals() -> tuple[Any, Any]:
