@@ -23,6 +23,7 @@ from .newton import StepFailure
 from .space import Space
 
 GRAZING = 100  # points looked at on a node's way along an obstacle: a longer way is refused
+CURVED = 1e-3  # of d̂: half the way over which normals are compared
 ATTEMPTS = 50  # pushes of nodes out of an obstacle that has come to them
 
 
@@ -43,8 +44,8 @@ class Contact:
     with the barrier b and the smooth friction f of `barrier`, the part A_i of the surface of node i, κ = c E/d̂,
     λ = κ A |b'| of the last solve, and u the slip tangential to the obstacle since the beginning of the step.
 
-    Curvature of the obstacle (b' ∇²φ, never positive where it is convex) is left out of the Hessian, which is so
-    positive semi-definite: κ A b'' n nᵀ. Nodes of which all components are prescribed have no contact.
+    The Hessian is κ A (b'' n nᵀ + b' ∇²φ); the projected one lacks the obstacle's curvature ∇²φ and is so positive
+    semi-definite. Nodes of which all components are prescribed have no contact.
 
     Parameters
     ----------
@@ -84,6 +85,7 @@ class Contact:
         self._free, self._areas = self._free[self._nodes], areas[self._nodes]
         self._dofs = (self._nodes[:, None] * d + np.arange(d)).astype(np.int32)
         self._origin: NDArray | None = None
+        self._known: list[tuple[float, NDArray, list[NDArray]]] = []
         self._touches: list[_Touch] | None = None
         self.has_friction = any(o.contact.friction > 0 or o.contact.sticky for o in self._obstacles)
 
@@ -96,8 +98,7 @@ class Contact:
             if self._crossed(x):
                 return np.inf
             total = 0.0
-            for j, obstacle in enumerate(self._obstacles):
-                phi = obstacle.distance(x, self._time)
+            for j, phi in enumerate(self._distances(x)):
                 near = phi < self.reach
                 total += self.stiffness * float(self._areas[near] @ barrier(phi[near], self.reach)[0])
                 total += self._friction(j, x)[0]
@@ -113,18 +114,19 @@ class Contact:
             for j in range(len(self._obstacles)):
                 out.array[self._dofs] += self._gradient(j, x)
 
-    def add_tangent(self, matrix: PETSc.Mat) -> None:
-        """matrix += positive semi-definite Hessian; a search along a line from here may not cross an obstacle."""
+    def add_tangent(self, matrix: PETSc.Mat, projected: bool) -> None:
+        """matrix += Hessian, or what is left of it; a search along a line from here may not cross an obstacle."""
         with self._event:
             x = self._places()
             self._origin = x
             blocks = np.zeros((len(x), x.shape[1], x.shape[1]))
-            for j, obstacle in enumerate(self._obstacles):
-                phi = obstacle.distance(x, self._time)
+            for j, phi in enumerate(self._distances(x)):
                 near = np.flatnonzero(phi < self.reach)
-                second = self.stiffness * self._areas[near] * barrier(phi[near], self.reach)[2]
-                n = obstacle.normal(x[near], self._time)
+                first, second = self.stiffness * self._areas[near] * barrier(phi[near], self.reach)[1:]
+                n = self._obstacles[j].normal(x[near], self._time)
                 blocks[near] += second[:, None, None] * n[:, :, None] * n[:, None, :]
+                if not projected:
+                    blocks[near] += first[:, None, None] * self._curvature(j, x[near])
                 blocks += self._friction(j, x)[2]
             blocks *= self._free[:, :, None] & self._free[:, None, :]
             some = np.flatnonzero(np.abs(blocks).max(axis=(1, 2), initial=0) > 0)
@@ -136,7 +138,7 @@ class Contact:
             matrix.setValuesLocalRCV(dofs, dofs, values, addv=PETSc.InsertMode.ADD)
 
     def _gradient(self, j: int, x: NDArray) -> NDArray:
-        phi = self._obstacles[j].distance(x, self._time)
+        phi = self._distances(x)[j]
         near = np.flatnonzero(phi < self.reach)
         out = self._friction(j, x)[1]
         first = self.stiffness * self._areas[near] * barrier(phi[near], self.reach)[1]
@@ -171,30 +173,57 @@ class Contact:
         """Where the nodes are, (n, d) [m]."""
         return self._space.positions[self._nodes] + self._space.u.x.array[self._dofs]
 
+    def _distances(self, x: NDArray) -> list[NDArray]:
+        """φ (n,) [m] of each obstacle now, as `_far_or_near` says; a search asks again for where it began and is."""
+        for i, (time, places, found) in enumerate(self._known):
+            if time == self._time and np.array_equal(places, x):
+                self._known.insert(0, self._known.pop(i))
+                return found
+        found = [self._far_or_near(obstacle, x, self._time) for obstacle in self._obstacles]
+        self._known = [(self._time, x.copy(), found), *self._known[:1]]
+        return found
+
+    def _far_or_near(self, obstacle: Collider, x: NDArray, time: float) -> NDArray:
+        """φ (n,) [m] where it may be below d̂; elsewhere the distance from what encloses the obstacle, d̂ or more."""
+        low, high = obstacle.bounds(time)
+        phi = np.linalg.norm(np.maximum(np.maximum(low - x, x - high), 0.0), axis=1)
+        near = np.flatnonzero(~(phi >= self.reach))
+        phi[near] = obstacle.distance(x[near], time)
+        return phi
+
+    def _curvature(self, j: int, x: NDArray) -> NDArray:
+        """∇²φ (n, d, d) [1/m], by differences of normals."""
+        step, normal = CURVED * self.reach, self._obstacles[j].normal
+        ways = step * np.eye(x.shape[1])
+        rises = [(normal(x + way, self._time) - normal(x - way, self._time)) / (2 * step) for way in ways]
+        found = np.stack(rises, axis=1)
+        return (found + found.swapaxes(1, 2)) / 2
+
     def _crossed(self, x: NDArray) -> bool:
         """Whether a node met an obstacle on its straight way from where the search began (collective)."""
         origin = x if self._origin is None else self._origin
-        met = any(self._meets(obstacle, origin, x) for obstacle in self._obstacles)
+        found = zip(self._obstacles, self._distances(origin), self._distances(x))
+        met = not np.isfinite(x).all() or any(self._meets(each, origin, x, *phi) for each, *phi in found)
         return self._comm.allreduce(met, op=MPI.LOR)
 
-    def _meets(self, obstacle: Collider, start: NDArray, end: NDArray) -> bool:
-        """Whether φ <= 0 somewhere between; steps as long as φ miss nothing, since |∇φ| <= 1."""
-        if not np.isfinite(end).all():
+    def _meets(self, obstacle: Collider, start: NDArray, end: NDArray, first: NDArray, last: NDArray) -> bool:
+        """Whether φ <= 0 somewhere between, where it is `first` and `last`; since |∇φ| <= 1, steps as long as φ do."""
+        if (first <= 0).any() or (last <= 0).any():
             return True
         way = end - start
         size = np.linalg.norm(way, axis=1)
-        phi = obstacle.distance(start, self._time)
-        done = np.zeros(len(start))
-        on = np.flatnonzero(phi <= size)
+        on = np.flatnonzero(first + last <= size)
+        phi, done = first[on], np.zeros(len(on))
         for _ in range(GRAZING):
-            if (phi[on] <= 0).any():
-                return True
+            done += np.maximum(phi, self.reach / 4)
+            going = done < size[on]
+            on, done = on[going], done[going]
             if not len(on):
-                break
-            done[on] += np.maximum(phi[on], self.reach / 4)
-            on = on[done[on] < size[on]]
-            phi[on] = obstacle.distance(start[on] + (done[on] / size[on])[:, None] * way[on], self._time)
-        return len(on) > 0 or bool((obstacle.distance(end, self._time) <= 0).any())
+                return False
+            phi = obstacle.distance(start[on] + (done / size[on])[:, None] * way[on], self._time)
+            if (phi <= 0).any():
+                return True
+        return True
 
     # ------------------------------------------------------------------ a step
 
@@ -224,14 +253,14 @@ class Contact:
         self.search_from(u)
         x = self._origin
         assert x is not None
-        gaps = [obstacle.distance(x, start) for obstacle in self._obstacles]
+        gaps = [self._far_or_near(obstacle, x, start) for obstacle in self._obstacles]
         self._time, self._touches = time, None
         anchors = [obstacle.carry(x, start, time) for obstacle in self._obstacles]
         moved = x.copy()
         for _ in range(ATTEMPTS):
             late = False
             for obstacle, gap in zip(self._obstacles, gaps):
-                wanted, phi = np.minimum(gap, self.reach), obstacle.distance(moved, time)
+                wanted, phi = np.minimum(gap, self.reach), self._far_or_near(obstacle, moved, time)
                 on = np.flatnonzero(phi < wanted / 2)
                 push = (wanted - phi)[on, None] * obstacle.normal(moved[on], time)
                 moved[on] += np.where(self._free[on], push, 0.0)
@@ -239,7 +268,10 @@ class Contact:
             if not late:
                 break
         far = np.linalg.norm(moved - x, axis=1).max(initial=0) > self._cell
-        passed = any(self._meets(o, anchor, moved) for o, anchor in zip(self._obstacles, anchors))
+        passed = any(
+            self._meets(obstacle, anchor, moved, self._far_or_near(obstacle, anchor, time), phi)
+            for obstacle, anchor, phi in zip(self._obstacles, anchors, self._distances(moved))
+        )
         if self._comm.allreduce(late or far or passed, op=MPI.LOR):
             raise StepFailure("an obstacle comes too far into the body in one step")
         out = self._space.u
@@ -258,12 +290,13 @@ class Contact:
         if self._touches is None:
             return True
         change, size, x = 0.0, 0.0, self._places()
-        for obstacle, touch in zip(self._obstacles, self._touches):
-            phi = obstacle.distance(x, self._time)
+        for obstacle, touch, phi in zip(self._obstacles, self._touches, self._distances(x)):
             force = -self.stiffness * self._areas * barrier(phi, self.reach)[1]
             change += float(np.abs(force - touch.force).sum())
             size += float(force.sum())
-            touch.force, touch.normal = force, obstacle.normal(x, self._time)
+            on = np.flatnonzero(force > 0)
+            touch.force, touch.normal = force, np.zeros_like(x)
+            touch.normal[on] = obstacle.normal(x[on], self._time)
         change, size = self._comm.allreduce(change), self._comm.allreduce(size)
         return change <= FOLLOWED * size
 

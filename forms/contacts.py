@@ -31,7 +31,7 @@ class Part(Protocol):
     def add_force(self, out: PETSc.Vec) -> None:
         """out += gradient of `energy`; not a number where that is infinite."""
 
-    def add_tangent(self, matrix: PETSc.Mat) -> None:
+    def add_tangent(self, matrix: PETSc.Mat, projected: bool) -> None:
         """matrix += what of the Hessian its pattern has place for; a search along a line begins here."""
 
     def search_from(self, u: NDArray) -> None:
@@ -111,10 +111,10 @@ class Contacts:
         for part in self._parts if self.active else ():
             part.add_force(out)
 
-    def add_tangent(self, matrix: PETSc.Mat) -> None:
+    def add_tangent(self, matrix: PETSc.Mat, projected: bool) -> None:
         """matrix += Hessian as far as its pattern goes; a search along a line from here may not cross anything."""
         for part in self._parts if self.active else ():
-            part.add_tangent(matrix)
+            part.add_tangent(matrix, projected)
 
     def coupling(self, projected: bool) -> csr_array | None:
         """Hessian of the surface's contact with itself in the rows of this rank, as the surface says; None: none."""

@@ -221,7 +221,7 @@ class Equations:
             for pressure in self.pressures:
                 pressure.add_tangent(stiffness, self.constraints.conditions)
             if self.contact is not None:
-                self.contact.add_tangent(stiffness)
+                self.contact.add_tangent(stiffness, projected)
             stiffness.assemble()
             if self.contact is not None and self.contact.surface is not None:
                 compat.fill(out, stiffness, self.contact.coupling(projected))

@@ -96,7 +96,7 @@ class SelfContact:
                 return
             self._surface.add(self._gradient(x), out)
 
-    def add_tangent(self, matrix: PETSc.Mat) -> None:
+    def add_tangent(self, matrix: PETSc.Mat, projected: bool) -> None:
         """A search along a line begins here; the Hessian does not fit a pattern of cells: see `coupling`."""
         with self._event:
             self._near.search_from(self._places())
