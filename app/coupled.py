@@ -64,6 +64,7 @@ class CoupledProblem:
         self._passed = 0.0  # sum of the sizes of the steps' impulses
         mass = self.comm.allreduce(float(snow.particles.mass.sum()))
         self._weight = mass * np.array(gravity or (0.0,) * d)  # [N]
+        self._exchange.sweeps = 0
         self._start = self._momentum()
 
     @property
@@ -82,7 +83,7 @@ class CoupledProblem:
             with self._event:
                 self.solid.advance(dt)
                 surface = Facets(self.surface.positions(), self.surface.facets, self.surface.cells)
-                self._exchange.place(surface, self.surface.velocities(), self.surface.mass)
+                self._exchange.place(surface, self.surface.velocities(), self.surface.mass, self.surface.mobility)
             figures = self.snow.advance(dt)
         except ArithmeticError:
             self.surface.put_back(kept)
@@ -92,7 +93,7 @@ class CoupledProblem:
         self._given += given
         self._passed += float(np.linalg.norm(given))
         self._outside += self.comm.allreduce(self._exchange.outside) + dt * self._weight
-        return figures
+        return figures | {"contact_sweeps": float(self._exchange.sweeps)}
 
     def _momentum(self) -> NDArray:
         """Of snow and body (d,) [N s] (collective)."""
@@ -109,6 +110,7 @@ class CoupledProblem:
         body = {name: value for name, value in self.solid.diagnostics().items() if name in SHOWN}
         found = {f"solid_{name}": value for name, value in body.items()}
         now, own = self._momentum(), self.surface.momentum()
+        found["contact_sweeps"] = float(self._exchange.sweeps)
         found |= {f"solid_momentum_{axis}": float(c) for axis, c in zip("xyz", own)}
         found |= {f"solid_impulse_{axis}": float(c) for axis, c in zip("xyz", self._given)}
         error = now - self._start - self._outside - self.surface.outside

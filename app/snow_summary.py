@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,7 +60,7 @@ class Frame:
     title: str
     time: float
     points: NDArray[Any]  # (n, 3) [m]
-    solid: NDArray[Any]  # nodes (m, 3) [m] of an elastic body
+    solid: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 3)))  # nodes (m, 3) [m] of an elastic body
 
     @property
     def bounds(self) -> NDArray[Any]:
@@ -76,8 +76,8 @@ def read_frame(folder: Path, entry: tuple[float, str]) -> Frame:
     """Read a frame that `frame_list` names."""
     time, file = entry
     body = folder / SOLID / file
-    solid = read_nodes(body) if body.exists() else np.zeros((0, 3))
-    return Frame(f"t = {time:.3g} s", time, read_points(folder / file), solid)
+    words, points = f"t = {time:.3g} s", read_points(folder / file)
+    return Frame(words, time, points, read_nodes(body)) if body.exists() else Frame(words, time, points)
 
 
 def first_and_last(folder: Path) -> list[Frame]:

@@ -233,6 +233,12 @@ class Equations:
         """
         self.residual(here, self.vector)
         self.tangent(here, self.matrix, True)
+        self.add_times_tangent(change, self.vector)
+        self.vector.array[self.held] = 0
+        return self.vector
+
+    def add_times_tangent(self, change: NDArray, out: PETSc.Vec) -> None:
+        """out += the last tangent times `change` (local values), in the rows of prescribed displacements too."""
         self.space.u.x.array[:] = change
         self.space.gradient(self.laws.gradient)
         size = self.laws.gradient.shape[1]
@@ -240,15 +246,13 @@ class Equations:
         self.laws.stress.x.array[:] = np.einsum("nij,nj->ni", tangent, self.laws.gradient).ravel()
         self._assemble_stress(self._work)
         self._work.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        self.vector.axpy(1.0, self._work)
+        out.axpy(1.0, self._work)
         if self.mass is not None:
             self._work.array[:] = change[: self.owned]
             self.mass.mult(self._work, self._product)
-            self.vector.axpy(float(self._alpha.value), self._product)
+            out.axpy(float(self._alpha.value), self._product)
         if self.contact is not None:
-            self.contact.add_linear(change, self.vector)
-        self.vector.array[self.held] = 0
-        return self.vector
+            self.contact.add_linear(change, out)
 
     # ------------------------------------------------------------------ a step's loads, inertia and damping
 

@@ -2,32 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
+from extremal.native.options import defaults
 from extremal.obstacles.facets import boundary
 
-from .integrators import Motion
+from . import compat
+from .integrators import Motion, Terms
 
 if TYPE_CHECKING:
     from .problem import ElasticProblem
 
+PREFIX = "elastic_push_"
+DEFAULTS: Mapping[str, object] = {"ksp_type": "cg", "pc_type": "pbjacobi", "ksp_max_it": 2000}
+LOOSE, TIGHT = 1e-4, 1e-11  # relative residuals: while impulses are sought, and of what the body is given
+
+
+@dataclass
+class _Step:
+    """The step that the body has made: its inertia, unknown w, ∂u/∂w and ∂v/∂w [1/s], and whether T is assembled."""
+
+    dt: float
+    terms: Terms
+    w: NDArray
+    moves: float
+    speeds: float
+    assembled: bool = False
+
 
 class MovingSurface:
-    """The boundary facets of a dynamic body of first degree, the same on all ranks, and the body's momentum.
+    """The boundary facets of a dynamic body of first degree, the same on all ranks, its mobility and its momentum.
 
-    Masses m_k of nodes are the sums of the rows of the mass matrix M. With v + m⁻¹ I impulses I_k change the momentum
-    by Σ I, since rows of M and its columns have the same sums, and the kinetic energy by ṽ·I + ½ I·m⁻¹ M m⁻¹ I with
-    ṽ = m⁻¹ M v: by no more than that of free masses m_k with velocities ṽ_k.
+    Impulses I at the nodes during a step of length Δt change its unknown by δw = T⁻¹ I/Δt, with the tangent T = α M + K
+    at the end of the step: all of the body's elastic answer to them within the step, linearised. Backward Euler and the
+    midpoint rule then have given the body the momentum Σ I.
 
     Parameters
     ----------
     problem : ElasticProblem
-        Backward Euler or midpoint rule: a step changes the momentum by the forces in force in it times its length.
+        By backward Euler or the midpoint rule.
 
     Attributes
     ----------
@@ -36,9 +57,9 @@ class MovingSurface:
     facets : (f, d) int
         Those of the surface, turned outwards.
     mass : (n,) [kg]
-        Of all nodes of the body; infinite where all components are prescribed.
+        Of all nodes of the body, sums of the rows of M; infinite where all components are prescribed.
     outside : (d,) [N s]
-        Impulse on the body, since the start, of all but `push`: of loads, obstacles, and what holds it.
+        Impulse on the body, since the start, of all but `push`: of loads, obstacles, drag, and what holds it.
     """
 
     def __init__(self, problem: ElasticProblem) -> None:
@@ -51,11 +72,15 @@ class MovingSurface:
         self._nodes = space.nodes[: self._owned]
         free = np.ones(len(space.nodes) * d, dtype=bool)
         free[problem.constraints.dofs] = False
-        self._free = free.reshape(-1, d)
-        rows = self._times_mass(np.ones(self._equations.owned))
-        self._rows = self._gather(rows)[:, 0]
-        self._held = self._gather((~self._free).astype(float)[: self._owned]) > 0
-        self.mass = np.where(self._held.all(axis=1), np.inf, self._rows)
+        rows = self._gather(self._times_mass(np.ones(self._equations.owned)))[:, 0]
+        self._held = self._gather((~free.reshape(-1, d)).astype(float)[: self._owned]) > 0
+        self.mass = np.where(self._held.all(axis=1), np.inf, rows)
+        self._ksp = PETSc.KSP().create(problem.comm)
+        self._ksp.setOptionsPrefix(PREFIX)
+        with defaults(PREFIX, DEFAULTS):
+            self._ksp.setFromOptions()
+        self._right, self._change = self._equations.vector.duplicate(), fem.Function(space.vectors)
+        self._step: _Step | None = None
         self.outside = np.zeros(d)
         problem.on_solved = self._solved
 
@@ -72,22 +97,64 @@ class MovingSurface:
         return self._gather(self._problem.space.positions[: self._owned] + u)
 
     def velocities(self) -> NDArray:
-        """ṽ (n, d) [m/s] of the nodes; that prescribed where they are held (collective)."""
-        v = self._problem.motion.v[: self._equations.owned]
-        smooth = self._gather(self._times_mass(v)) / self._rows[:, None]
-        return np.where(np.isinf(self.mass)[:, None], self._gather(v.reshape(-1, self._d)), smooth)
+        """v (n, d) [m/s] of the nodes (collective)."""
+        return self._gather(self._problem.motion.v.reshape(-1, self._d)[: self._owned])
 
     def momentum(self) -> NDArray:
         """Σ M v (d,) [N s] (collective)."""
         return self._sum(self._times_mass(self._problem.motion.v[: self._equations.owned]))
 
+    # ------------------------------------------------------------------ impulses in the last step
+
+    def mobility(self, impulses: NDArray) -> NDArray:
+        """Change of the nodes' velocities (n, d) [m/s] by impulses (n, d) [N s], the same on all ranks (collective)."""
+        step = self._respond(impulses, LOOSE)
+        return step.speeds * self._gather(self._change.x.array.reshape(-1, self._d)[: self._owned])
+
     def push(self, impulses: NDArray) -> None:
-        """Change the velocity by `impulses` (n, d) [N s], the same on all ranks; what is held does not give way."""
-        motion = self._problem.motion
-        change = (impulses / self._rows[:, None])[self._problem.space.nodes]
-        v = motion.v + np.where(self._free, change, 0.0).ravel()
-        self._problem.motion = replace(motion, v=v)
-        self.outside -= np.where(self._held, impulses, 0.0).sum(axis=0)
+        """Give the body impulses (n, d) [N s], the same on all ranks, in the step it has made (collective).
+
+        Where the body would enter an obstacle by that it has the new velocity, but stays where it is.
+        """
+        problem, equations = self._problem, self._equations
+        if not impulses.any():
+            return
+        step = self._respond(impulses, TIGHT)
+        change, force = self._change.x.array.copy(), self._right
+        with force.localForm() as local:
+            local.set(0.0)
+        equations.add_times_tangent(change, force)
+        all_rows = force.array.reshape(-1, self._d).copy()
+        force.array[np.setdiff1d(np.arange(equations.owned), equations.held)] = 0
+        inertia = step.terms.alpha * self._times_mass(change[: equations.owned])
+        reaction = self._sum(force.array.reshape(-1, self._d) - (all_rows - inertia))
+        self.outside += step.dt * reaction - np.where(self._held, impulses, 0.0).sum(axis=0)
+        u, v = problem.motion.u + step.moves * change, problem.motion.v + step.speeds * change
+        if problem.contact is not None:
+            problem.contact.search_from(problem.motion.u)
+            u = u if problem.contact.fits(u) else problem.motion.u
+        problem.motion = replace(problem.motion, u=u, v=v)
+        problem.space.u.x.array[:] = u
+
+    def _respond(self, impulses: NDArray, rtol: float) -> _Step:
+        """Put δw into `_change`."""
+        step, equations, space = self._step, self._equations, self._problem.space
+        assert step is not None
+        if not step.assembled:
+            self._problem.unknown.array[:] = step.w[: equations.owned]
+            equations.terms = step.terms
+            equations.tangent(self._problem.unknown, equations.matrix, True)
+            equations.terms = None
+            self._ksp.setOperators(equations.matrix)
+            step.assembled = True
+        self._right.array[:] = impulses[self._nodes].ravel() / step.dt
+        self._right.array[equations.held] = 0
+        self._ksp.setTolerances(rtol=PETSc.Options(PREFIX).getReal("ksp_rtol", rtol))
+        vec = compat.vector_of(self._change)
+        self._ksp.solve(self._right, vec)
+        vec.ghostUpdate(addv=PETSc.InsertMode.INSERT, mode=PETSc.ScatterMode.FORWARD)
+        space.u.x.array[:] = self._problem.motion.u
+        return step
 
     def keep(self) -> tuple[Motion, float, bool, NDArray]:
         """What `put_back` needs to undo steps of the body."""
@@ -109,7 +176,9 @@ class MovingSurface:
         """Add the impulse of the loads, obstacles, drag and reactions of a step (collective)."""
         problem, equations = self._problem, self._equations
         x, terms, force = problem.unknown, equations.terms, equations.vector.duplicate()
-        assert terms is not None
+        assert terms is not None and problem.scheme is not None
+        one = problem.scheme.finish(Motion(np.zeros(1), np.zeros(1)), np.ones(1), dt)
+        self._step = _Step(dt, terms, problem.space.u.x.array.copy(), float(one.u[0]), float(one.v[0]))
         equations.residual(x, force, reactions=True)
         held = np.zeros_like(force.array)
         held[equations.held] = force.array[equations.held]

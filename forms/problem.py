@@ -105,14 +105,14 @@ class ElasticProblem:
         self.space = Space(domain, degree)
         self.laws = Constitutive(self.space, materials)
         self.constraints = agree(self.comm, lambda: Constraints(self.space, prescribed))
-        self._scheme = INTEGRATORS[integrator]() if integrator else None
+        self.scheme = INTEGRATORS[integrator]() if integrator else None
         self._stages, self._iterations = tuple(stages), iterations
         self._exact, self._error_tolerance = exact_tangent, error_tolerance
         self.equations = Equations(
             self.space,
             self.laws,
             self.constraints,
-            inertia=self._scheme is not None,
+            inertia=self.scheme is not None,
             damping=damping,
             gravity=gravity,
             body_force=body_force,
@@ -138,7 +138,7 @@ class ElasticProblem:
         present = {
             "elasticity": True,
             "extension": self.laws.is_extended,
-            "inertia": self._scheme is not None,
+            "inertia": self.scheme is not None,
             "gravity": gravity is not None,
             "body_force": body_force is not None,
             "damping": any(damping),
@@ -153,7 +153,7 @@ class ElasticProblem:
     @property
     def is_dynamic(self) -> bool:
         """Whether there is inertia."""
-        return self._scheme is not None
+        return self.scheme is not None
 
     # ------------------------------------------------------------------ where it starts
 
@@ -173,11 +173,11 @@ class ElasticProblem:
         if velocity is not None:
             self.motion.v[:] = np.asarray(velocity(self.space.positions)).ravel()
         self.equations.set_time(self.time)
-        if self._scheme is None:
+        if self.scheme is None:
             return
         acceleration = np.zeros_like(u)
         self.constraints.rates(self.time, self.motion.v, acceleration)
-        if self._scheme.needs_acceleration:
+        if self.scheme.needs_acceleration:
             self.motion.a = self.equations.acceleration(self.motion.u, self.motion.v, acceleration)
             u[:] = self.motion.u
 
@@ -232,7 +232,7 @@ class ElasticProblem:
 
     def _step(self, before: Motion, dt: float) -> tuple[Figures, int, float | None]:
         u = self.space.u.x.array
-        terms = self._scheme.terms(before, dt) if self._scheme is not None else None
+        terms = self.scheme.terms(before, dt) if self.scheme is not None else None
         self.equations.begin(terms, before.u)
         part = terms.stage if terms is not None else 1.0
         self.equations.set_time(self.time + part * dt)
@@ -257,15 +257,15 @@ class ElasticProblem:
         self.equations.set(self.unknown)
         if self.on_solved is not None:
             self.on_solved(dt)
-        if self._scheme is None:
+        if self.scheme is None:
             self.motion = replace(before, u=u.copy())
             return figures, stages, None
-        new = self._scheme.finish(before, u.copy(), dt)
+        new = self.scheme.finish(before, u.copy(), dt)
         if self.contact is not None:
             self.contact.set_time(self.time + dt)
             if not self.contact.fits(new.u):
                 raise StepFailure("something would be entered by the end of the step")
-        wanted = self._check_error(self._scheme, before, new, dt)
+        wanted = self._check_error(self.scheme, before, new, dt)
         self.motion = new
         u[:] = new.u
         return figures, stages, wanted
