@@ -40,7 +40,7 @@ class Exchange:
         p_i <- (response(q_i) - q_i)/D_i,   q = r - D p,   D_i = (1 + τ s_i)/m_i,   s_i = Σ_k W_ik M_k/m_k
 
     with M_k = Σ_j W_jk m_j. τ grows until D is enough; B is at most (d + 2)/m_k, at which it always is. However many
-    sweeps, impulses only push, are opposite and equal, and dissipate.
+    sweeps: impulses only push, and are opposite and equal.
 
     In the implicit step a point that has collided moves with the part m_i/s_i of the body's mass.
 
@@ -130,7 +130,7 @@ class Exchange:
     def _meet(self, x: NDArray, v: NDArray, mass: NDArray) -> tuple[NDArray, NDArray]:
         near = self._surface.near(x, self._on)
         found = self._surface.nearest(x[near])
-        inside = found.phi <= self._on
+        inside = (found.phi <= self._on) & (mass[near] > 0)
         self._points, self._nodes, self._weights = near[inside], found.nodes[inside], found.weights[inside]
         out, attached = v.copy(), np.zeros(len(x))
         if not self._comm.allreduce(len(self._points)):
