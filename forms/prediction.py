@@ -1,4 +1,4 @@
-"""A first guess for a step whose boundary moves: the body follows by linear solves."""
+"""First guesses for a step: the body follows its boundary by linear solves, or its own motion."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from .equations import Equations
+from .integrators import Terms
 from .newton import Newton
 
 MOST_SOLVES = 24
@@ -54,6 +55,38 @@ def follow_boundary(equations: Equations, newton: Newton, start: NDArray, moved:
         return moved
     finally:
         x.destroy()
+
+
+def coast(equations: Equations, start: NDArray, guess: NDArray, terms: Terms | None) -> NDArray:
+    """Where Newton should begin when the body moves and may be held by friction to what moves along with it.
+
+    As far towards where inertia alone would take it as nothing is crossed, if that has less energy than `guess`.
+
+    Parameters
+    ----------
+    equations : Equations
+    start, guess : (local nodes * d,)
+        Displacement before the step, and where Newton would begin otherwise.
+    terms : Terms or None
+        Of the time integration; None in statics.
+
+    Returns
+    -------
+    (local nodes * d,)
+    """
+    if terms is None or equations.contact is None or not equations.has_energy:
+        return guess
+    way = terms.u_hat - start
+    way[equations.held] = 0
+    equations.contact.search_from(start)
+    x = equations.vector.duplicate()
+    least = _energy(equations, x, guess)
+    for part in (1.0, 0.5, 0.25):
+        if _energy(equations, x, guess + part * way) < least:
+            guess = equations.space.u.x.array.copy()
+            break
+    x.destroy()
+    return guess
 
 
 def _follow(equations: Equations, newton: Newton, x: PETSc.Vec, here: NDArray, jump: NDArray) -> NDArray:

@@ -20,7 +20,7 @@ from .equations import Equations, Load, event
 from .integrators import INTEGRATORS, Motion, Scheme
 from .material import Material
 from .newton import Figures, Newton, StepFailure, regime
-from .prediction import follow_boundary
+from .prediction import coast, follow_boundary
 from .space import Space
 from .state import gather, scatter
 
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
     from .contacts import Contacts
 
-LAGS = 10  # most solves of a step with friction after the first: its forces follow those of the solve before
+# most solves of a step with friction after the first: its forces follow those of the solve before
+LAGS, DYNAMIC_LAGS = 10, 1  # within short steps normal forces change little
 
 
 @dataclass(frozen=True)
@@ -247,8 +248,9 @@ class ElasticProblem:
             guess = moved
             if not self._is_free(start, guess):
                 raise StepFailure("parts of the surface would meet as the boundary moves")
+        guess = coast(self.equations, start, guess, terms)
         figures, stages = self._solve(newton, guess)
-        for _ in range(LAGS if self.contact is not None else 0):
+        for _ in range(DYNAMIC_LAGS if self.is_dynamic else LAGS):
             self.equations.set(self.unknown)
             if self.contact is None or self.contact.follow():
                 break
