@@ -233,12 +233,6 @@ class Equations:
         """
         self.residual(here, self.vector)
         self.tangent(here, self.matrix, True)
-        self.add_times_tangent(change, self.vector)
-        self.vector.array[self.held] = 0
-        return self.vector
-
-    def add_times_tangent(self, change: NDArray, out: PETSc.Vec) -> None:
-        """out += the last tangent times `change` (local values), in the rows of prescribed displacements too."""
         self.space.u.x.array[:] = change
         self.space.gradient(self.laws.gradient)
         size = self.laws.gradient.shape[1]
@@ -246,13 +240,15 @@ class Equations:
         self.laws.stress.x.array[:] = np.einsum("nij,nj->ni", tangent, self.laws.gradient).ravel()
         self._assemble_stress(self._work)
         self._work.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        out.axpy(1.0, self._work)
+        self.vector.axpy(1.0, self._work)
         if self.mass is not None:
             self._work.array[:] = change[: self.owned]
             self.mass.mult(self._work, self._product)
-            out.axpy(float(self._alpha.value), self._product)
+            self.vector.axpy(float(self._alpha.value), self._product)
         if self.contact is not None:
-            self.contact.add_linear(change, out)
+            self.contact.add_linear(change, self.vector)
+        self.vector.array[self.held] = 0
+        return self.vector
 
     # ------------------------------------------------------------------ a step's loads, inertia and damping
 

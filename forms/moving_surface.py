@@ -120,15 +120,11 @@ class MovingSurface:
         if not impulses.any():
             return
         step = self._respond(impulses, TIGHT)
-        change, force = self._change.x.array.copy(), self._right
-        with force.localForm() as local:
-            local.set(0.0)
-        equations.add_times_tangent(change, force)
-        all_rows = force.array.reshape(-1, self._d).copy()
-        force.array[np.setdiff1d(np.arange(equations.owned), equations.held)] = 0
-        inertia = step.terms.alpha * self._times_mass(change[: equations.owned])
-        reaction = self._sum(force.array.reshape(-1, self._d) - (all_rows - inertia))
-        self.outside += step.dt * reaction - np.where(self._held, impulses, 0.0).sum(axis=0)
+        change = self._change.x.array.copy()
+        equations.matrix.mult(compat.vector_of(self._change), self._right)  # what holds the body has no part in it
+        passed_on = step.dt * self._sum(self._right.array.reshape(-1, self._d))
+        gained = step.speeds * self._sum(self._times_mass(change[: equations.owned]))
+        self.outside += gained - passed_on - np.where(self._held, impulses, 0.0).sum(axis=0)
         u, v = problem.motion.u + step.moves * change, problem.motion.v + step.speeds * change
         if problem.contact is not None:
             problem.contact.search_from(problem.motion.u)
@@ -180,10 +176,13 @@ class MovingSurface:
         one = problem.scheme.finish(Motion(np.zeros(1), np.zeros(1)), np.ones(1), dt)
         self._step = _Step(dt, terms, problem.space.u.x.array.copy(), float(one.u[0]), float(one.v[0]))
         equations.residual(x, force, reactions=True)
-        held = np.zeros_like(force.array)
-        held[equations.held] = force.array[equations.held]
-        force.array[:] = held + equations.load.array
+        if equations.contact is None:
+            held = force.array[equations.held].copy()
+            force.array[:] = 0
+            force.array[equations.held] = held
+        force.axpy(1.0, equations.load)
         if equations.contact is not None:
+            # friction has taken new forces since the solve: what is left in free rows is what has changed by that
             touch = equations.vector.duplicate()
             touch.set(0.0)
             equations.contact.add_force(touch)
