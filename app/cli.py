@@ -38,7 +38,7 @@ COMMANDS = {
     "hawkes": Command("hawkes_command", "find unknown participants of events on a network", True),
     "check": Command("check_command", "validate scenes without running them; lists all errors", False),
     "mesh": Command("mesh_command", "build, convert and check a mesh", False),
-    "render": Command("render_command", "draw pictures of the frames of a run of snow", False),
+    "render": Command("render_command", "draw pictures of the frames of a run, make volumes and a film", False),
     "study": Command("study_command", "run a study: accuracy against time, pictures", True),
 }
 

@@ -63,19 +63,30 @@ class ParticleFrames(Frames):
         cells = [("vertex", np.arange(len(points))[:, None])]
         self.write_mesh(time, meshio.Mesh(points, cells, point_data=fields))
         if self.cell_size is not None and mass is not None:
-            self._write_volume(len(self.times) - 1, points, mass, self.cell_size)
+            index = len(self.times) - 1
+            write_volume(self.folder / volume_name(index), self.times[index], points, mass, self.cell_size)
 
-    def _write_volume(self, index: int, points: NDArray[Any], mass: NDArray[Any], h: float) -> None:
-        vdb = openvdb()
-        density, first = grid_density(points, mass, h)
-        grid = vdb.FloatGrid()
-        grid.copyFromArray(density.astype(np.float32), ijk=tuple(int(i) for i in first), tolerance=0.0)
-        grid.transform = vdb.createLinearTransform(voxelSize=h)
-        grid.gridClass = vdb.GridClass.FOG_VOLUME
-        grid.name = "density"
-        grid["time"] = float(self.times[index])
-        with atomic(self.folder / volume_name(index)) as partial:
-            vdb.write(str(partial), grids=[grid])
+
+def write_volume(path: Path, time: float, points: NDArray[Any], mass: NDArray[Any], h: float) -> None:
+    """Write density on the grid as OpenVDB: grid "density" [kg/m3], its transform in m, the time [s] in its metadata.
+
+    Parameters
+    ----------
+    points : (n, 3) [m]
+    mass : (n,) [kg]
+    h : float
+        Edge of a cell [m].
+    """
+    vdb = openvdb()
+    density, first = grid_density(points, mass, h)
+    grid = vdb.FloatGrid()
+    grid.copyFromArray(density.astype(np.float32), ijk=tuple(int(i) for i in first), tolerance=0.0)
+    grid.transform = vdb.createLinearTransform(voxelSize=h)
+    grid.gridClass = vdb.GridClass.FOG_VOLUME
+    grid.name = "density"
+    grid["time"] = float(time)
+    with atomic(path) as partial:
+        vdb.write(str(partial), grids=[grid])
 
 
 def _compact(values: NDArray[Any]) -> NDArray[Any]:
@@ -115,8 +126,13 @@ def grid_density(points: NDArray[Any], mass: NDArray[Any], h: float) -> tuple[ND
     return density.reshape(shape) / h**3, first
 
 
-def openvdb() -> Any:
+def openvdb(asked_by: str = "[output] vdb = true") -> Any:
     """Return the OpenVDB module, which has had two names.
+
+    Parameters
+    ----------
+    asked_by : str
+        What needs it, for the message.
 
     Raises
     ------
@@ -128,4 +144,4 @@ def openvdb() -> Any:
             return importlib.import_module(name)
         except ImportError:
             continue
-    raise InputError("[output] vdb = true: OpenVDB is not installed; apt install python3-openvdb")
+    raise InputError(f"{asked_by}: OpenVDB is not installed; apt install python3-openvdb")

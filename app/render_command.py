@@ -1,63 +1,144 @@
-"""`extremal render RESULTS`: a picture of every frame of a run of snow."""
+"""`extremal render RESULTS`: a picture of every frame, volumes, a film."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import EXIT_FINISHED, InputError
 from .parallel import on_root
-from .results import RECORD, atomic
+from .results import RECORD
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 PICTURES = "pictures"
 SMALLEST, LARGEST = 16, 8192  # pixels
+SAMPLES = 16
+MOST_SAMPLES = 100_000
+FILM_RATE = 24.0
+# options that mean something for a run of one part only
+ONLY = {"elastic": ("field",), "snow": ("preview", "samples", "extinction", "vdb")}
 
 
 def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
     """Declare the arguments of `extremal render`."""
-    parser.add_argument("results", metavar="RESULTS", type=Path, help="results folder of a run of snow")
+    parser.add_argument("results", metavar="RESULTS", type=Path, help="results folder of an elastic run or of snow")
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, help=f"folder for the pictures; default RESULTS/{PICTURES}"
     )
     parser.add_argument("--size", metavar="WxH", type=size, default=(960, 720), help="pixels; default 960x720")
     parser.add_argument("--every", metavar="N", type=count, default=1, help="only each Nth frame")
+    parser.add_argument(
+        "--view", metavar="A,E", type=direction, help="azimuth and elevation of the eye [degrees]; default: chosen"
+    )
+    film_help = f"also a film, R frames a second ({FILM_RATE:g})"
+    parser.add_argument("--film", metavar="R", nargs="?", type=rate, const=FILM_RATE, help=film_help)
+    parser.add_argument("--field", metavar="NAME", help="elastic: colour by this field; default smallest_stretch")
+    parser.add_argument("--preview", action="store_true", help="snow: quick pictures, seconds each, no extra library")
+    parser.add_argument(
+        "--samples", metavar="N", type=samples, help=f"snow: paths of light for each pixel; default {SAMPLES}"
+    )
+    parser.add_argument(
+        "--extinction", metavar="S", type=positive, help="snow: extinction coefficient [1/m]; default 724 (7.8)"
+    )
+    parser.add_argument("--vdb", action="store_true", help="snow: density as OpenVDB instead of pictures")
 
 
 def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm) -> int:
     """Draw the pictures on rank 0."""
-    on_root(comm, lambda: _render(args.results, args.output or args.results / PICTURES, args.size, args.every))
+    on_root(comm, lambda: _render(args))
     return EXIT_FINISHED
 
 
-def _render(results: Path, folder: Path, size: tuple[int, int], every: int) -> None:
+def _render(args: argparse.Namespace) -> None:
+    from .frames import frame_list
+
+    record = _record(args.results)
+    _refuse(args, record["part"])
+    all_frames = [(time, args.results / file) for time, file in frame_list(args.results)]
+    if not all_frames:
+        raise InputError(f"{args.results}: has no frame")
+    folder = args.output or args.results / PICTURES
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; -o names a folder for the pictures")
+    frames = {index: all_frames[index] for index in range(0, len(all_frames), args.every)}
+    if args.vdb:
+        from .render_snow import write_volumes
+
+        print(f"{write_volumes(record, frames, folder)} volumes in {folder}", flush=True)
+        return
+    from .pictures import draw_all, picture_name
+
+    pictures = _pictures(args, record, all_frames)
+    drawn, kept = draw_all(pictures.draw, frames, pictures.settings, folder)
+    words = f", {kept} of them as they were" if kept else ""
+    print(f"{drawn + kept} pictures in {folder}{words}", flush=True)
+    if args.film is not None:
+        _film([folder / picture_name(index) for index in frames], args.film)
+
+
+def _record(results: Path) -> dict[str, Any]:
     try:
-        record = json.loads((results / RECORD).read_text(encoding="utf-8"))
+        record: dict[str, Any] = json.loads((results / RECORD).read_text(encoding="utf-8"))
+        part = record["part"]
+        record["scene"]["output"]
     except (OSError, ValueError):
         raise InputError(f"{results}: is no results folder; {RECORD} cannot be read") from None
-    if record.get("part") != "snow":
-        raise InputError(f"{results}: holds a run of {record.get('part')}; only runs of snow are rendered")
-    from matplotlib import image as images
+    except (KeyError, TypeError):
+        raise InputError(f"{results}: {RECORD} is not the record of a run") from None
+    if part not in ONLY:
+        raise InputError(f"{results}: holds a run of {part}; only elastic runs and runs of snow have pictures")
+    return record
 
-    from .frames import frame_list
-    from .snow_summary import overall_bounds, picture, read_frame, stage
 
-    frames = frame_list(results)
-    if not frames:
-        raise InputError(f"{results}: has no frame")
-    folder.mkdir(parents=True, exist_ok=True)
-    seen, bounds = stage(record, results), overall_bounds(results)
-    for index in range(0, len(frames), every):
-        path = folder / f"frame_{index:05d}.png"
-        with atomic(path) as partial:
-            images.imsave(partial, picture(read_frame(results, frames[index]), seen, bounds, size), format="png")
-    print(f"{len(range(0, len(frames), every))} pictures in {folder}", flush=True)
+def _refuse(args: argparse.Namespace, part: str) -> None:
+    """Refuse options that would have no effect."""
+    given = {name for names in ONLY.values() for name in names if getattr(args, name)}
+    for other, names in ONLY.items():
+        wrong = sorted(given & set(names)) if other != part else []
+        if wrong:
+            of = "an elastic run" if part == "elastic" else "a run of snow"
+            raise InputError(f"--{wrong[0]}: has no effect on {of}; leave it out")
+    for quick in ("preview", "vdb"):
+        wrong = sorted(given & {"samples", "extinction", "preview"} - {quick}) if quick in given else []
+        if wrong:
+            raise InputError(f"--{wrong[0]}: has no effect with --{quick}; leave one of them out")
+
+
+def _pictures(args: argparse.Namespace, record: Mapping[str, Any], frames: Sequence[tuple[float, Path]]) -> Any:
+    if record["part"] == "elastic":
+        from .render_elastic import ElasticPictures
+
+        return ElasticPictures(record, args.results, frames, args.size, args.field, args.view)
+    from .path_tracing import EXTINCTION
+    from .render_snow import SnowPictures
+
+    if record["scene"]["grid"]["dimension"] == 2:
+        for name in ("samples", "extinction", "view"):
+            if getattr(args, name):
+                raise InputError(f"--{name}: has no effect on snow in the plane; leave it out")
+    quick = args.preview or record["scene"]["grid"]["dimension"] == 2
+    paths = 0 if quick else args.samples or SAMPLES
+    return SnowPictures(record, args.results, frames, args.size, paths, args.extinction or EXTINCTION, args.view)
+
+
+def _film(pictures: Sequence[Path], frames_a_second: float) -> None:
+    from .pictures import FILM, film
+
+    path = film(pictures, frames_a_second)
+    if path is not None:
+        print(path, flush=True)
+    else:
+        here = pictures[0].parent
+        source = f"-framerate {frames_a_second:g} -pattern_type glob -i '{here}/frame_*.png'"
+        print("no film: ffmpeg is not installed; apt install ffmpeg, then repeat this command, or run", flush=True)
+        print(f"    ffmpeg {source} -pix_fmt yuv420p '{here / FILM}'", flush=True)
 
 
 def size(text: str) -> tuple[int, int]:
@@ -70,6 +151,44 @@ def size(text: str) -> tuple[int, int]:
 
 def count(text: str) -> int:
     """Read a whole number above 0."""
-    if not text.isdigit() or int(text) < 1:
+    if not (text.isascii() and text.isdigit()) or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text}: must be a whole number, 1 or more")
     return int(text)
+
+
+def samples(text: str) -> int:
+    """Read a number of paths of light."""
+    if count(text) > MOST_SAMPLES:
+        raise argparse.ArgumentTypeError(f"{text}: must be at most {MOST_SAMPLES}")
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """Read a number above 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: must be a number above 0")
+    return number
+
+
+def rate(text: str) -> float:
+    """Read how many pictures of a film are seen in a second."""
+    if not positive(text) <= 1000:
+        raise argparse.ArgumentTypeError(f"{text}: must be at most 1000 frames a second")
+    return float(text)
+
+
+def direction(text: str) -> tuple[float, float]:
+    """Read a direction such as -60,20."""
+    try:
+        azimuth, elevation = (float(part) for part in text.split(","))
+    except ValueError:
+        azimuth = elevation = math.nan
+    if not (-360 <= azimuth <= 360 and -89 <= elevation <= 89):
+        raise argparse.ArgumentTypeError(
+            f"{text}: must be azimuth,elevation in degrees, from -360 to 360 and from -89 to 89, as -60,20"
+        )
+    return azimuth, elevation

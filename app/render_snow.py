@@ -1,0 +1,129 @@
+"""Pictures of a run of snow, quick ones or path-traced ones, and its density as OpenVDB."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import path_tracing
+from .frames import read_frame
+from .particles_output import grid_density, openvdb, write_volume
+from .scenery import Scenery
+from .snow_summary import Frame, overall_bounds, picture, stage
+from .view import choose_view, view_from
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+FAR = 4.0  # how far obstacles are drawn, over the radius of what is looked at
+
+
+class SnowPictures:
+    """Draws any frame of a run, all of them alike.
+
+    Parameters
+    ----------
+    record : mapping
+        The run's `run.json`.
+    frames : sequence of (float, pathlib.Path)
+        Times [s] and files of all frames.
+    size : (int, int)
+        Width and height in pixels.
+    samples : int
+        Paths of light for each pixel; 0: the quick picture, also that of snow in the plane.
+    extinction : float
+        Of snow at its first density [1/m].
+    direction : (float, float), optional
+        Azimuth and elevation of the eye [degrees].
+
+    Raises
+    ------
+    InputError
+        If a frame cannot be read or a library is missing.
+    """
+
+    def __init__(
+        self,
+        record: Mapping[str, Any],
+        folder: Path,
+        frames: Sequence[tuple[float, Path]],
+        size: tuple[int, int],
+        samples: int,
+        extinction: float = path_tracing.EXTINCTION,
+        direction: tuple[float, float] | None = None,
+    ) -> None:
+        self.seen = stage(record, folder)
+        self.obstacles = record["scene"].get("collider")
+        self.size, self.samples = size, samples
+        if samples:
+            path_tracing.mitsuba()
+        self.h, reference = cell_and_density(record)
+        self.optics = path_tracing.Optics(reference, extinction)
+        self.mass = reference * self.seen.spacing**self.seen.dimension  # where frames have none
+        self.bounds = overall_bounds(folder)
+        aspect = size[0] / size[1]
+        times = [time for time, _ in frames]
+        if direction is None:
+            self.view = choose_view(self.bounds, self.seen.colliders, times, self.seen.up, aspect)
+        else:
+            self.view = view_from(*direction, self.bounds, self.seen.up, aspect)
+        reach = FAR * self.view.reach
+        self.scenery = Scenery(self.seen.colliders, np.array([self.view.middle - reach, self.view.middle + reach]))
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What pictures depend on besides the frame."""
+        return {
+            "drawn": repr(self.optics) if self.samples else "quickly",
+            "samples": self.samples,
+            "size": self.size,
+            "eye": self.view.eye.tolist(),
+            "axes": self.view.axes.tolist(),
+            "bounds": self.bounds.tolist(),
+            "obstacles": self.obstacles,
+        }
+
+    def draw(self, time: float, path: Path, tell: Callable[[float], None]) -> NDArray[Any]:
+        """Draw a frame; colours (height, width, 3)."""
+        points, mass = particles_of(path, self.mass)
+        if not self.samples:
+            return picture(Frame("", time, points), self.seen, self.bounds, self.size, self.view)
+        cloud = path_tracing.Cloud(*grid_density(points, mass, self.h), self.h)
+        return path_tracing.trace(
+            cloud, self.optics, self.scenery.at(time), self.view, self.size, self.samples, tell
+        )
+
+
+def write_volumes(record: Mapping[str, Any], frames: Mapping[int, tuple[float, Path]], folder: Path) -> int:
+    """Write the density [kg/m3] of frames as OpenVDB; return how many files.
+
+    Raises
+    ------
+    InputError
+        If OpenVDB is not installed, or a frame cannot be read.
+    """
+    openvdb("--vdb")
+    folder.mkdir(parents=True, exist_ok=True)
+    h, reference = cell_and_density(record)
+    per_cell = max(body["per_cell"] for body in record["scene"]["body"])
+    for index, (time, path) in frames.items():
+        points, mass = particles_of(path, reference * h**3 / per_cell)
+        write_volume(folder / f"density_{index:05d}.vdb", time, points, mass, h)
+    return len(frames)
+
+
+def particles_of(path: Path, usual: float) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return positions (n, 3) [m] and masses (n,) [kg] of the particles in a frame, `usual` where it has none."""
+    frame = read_frame(path)
+    points = np.asarray(frame.points, dtype=float)
+    mass = frame.point_data.get("mass")
+    return points, np.full(len(points), usual) if mass is None else np.asarray(mass, dtype=float)
+
+
+def cell_and_density(record: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the edge of a cell [m] and the density of snow as it was given [kg/m3]."""
+    scene = record["scene"]
+    return scene["grid"]["cell_size"] / scene["scale"], float(scene["material"]["density"])
