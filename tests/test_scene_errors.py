@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from bad_scenes import cases, refusal
 
 from extremal.app.errors import InputError
 from extremal.app.scene import read_scene
@@ -12,17 +13,7 @@ MESH = '[mesh]\nshape = "box"\ncell_size = 0.5\n'
 MATERIAL = "[material]\nyoung_modulus = 1e5\npoisson_ratio = 0.3\n"
 
 
-def cases() -> list[list[str]]:
-    """The scenes of bad_scenes.txt, each followed by one line for each of its errors."""
-    blocks = (Path(__file__).parent / "bad_scenes.txt").read_text(encoding="utf-8").strip().split("\n\n")
-    found = []
-    for block in blocks:
-        scene, *errors = block.split("\n=> ")
-        found.append([scene, *errors])
-    return found
-
-
-CASES = cases()
+CASES = cases("bad_scenes.txt")
 
 # to these no mesh and material are added
 BARE: list[list[str]] = [
@@ -51,17 +42,6 @@ BARE: list[list[str]] = [
         "[mesh]: is missing; the body",
     ],
 ]
-
-
-def refusal(path: Path, text: str) -> list[str]:
-    """The lines with which a scene is refused, without the file's name."""
-    path.write_text(text, encoding="utf-8")
-    before = sorted(path.parent.iterdir())
-    with pytest.raises(InputError) as caught:
-        read_scene(path)
-    assert sorted(path.parent.iterdir()) == before
-    assert all(line.startswith(f"{path}: ") and "\n" not in line for line in caught.value.messages)
-    return [line.removeprefix(f"{path}: ") for line in caught.value.messages]
 
 
 def completed(text: str) -> str:

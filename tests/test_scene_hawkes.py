@@ -6,19 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pydantic
 import pytest
+from bad_scenes import cases, keys, refusal
 
 from extremal.app import cli
-from extremal.app.errors import InputError
 from extremal.app.hawkes_scene import HawkesScene
 from extremal.app.scene import read_scene, validate
 
 # what a case does not give itself
 NETWORK = "[network]\nagents = 6\n"
 SIMULATION = "[simulation]\ncount = 400\nincomplete = 100\n"
-BLOCKS = (Path(__file__).parent / "bad_hawkes_scenes.txt").read_text(encoding="utf-8").strip().split("\n\n")
-CASES = [block.split("\n=> ") for block in BLOCKS]
+CASES = cases("bad_hawkes_scenes.txt")
 
 FULL = """
 title = "everything at once"
@@ -48,15 +46,6 @@ hawkes_tao_type = "tron"
 status = "finished"
 drift = { below = 0.1 }
 """
-
-
-def refusal(path: Path, text: str) -> list[str]:
-    """The lines with which a scene is refused, without the file's name."""
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        read_scene(path)
-    assert all(line.startswith(f"{path}: ") and "\n" not in line for line in caught.value.messages)
-    return [line.removeprefix(f"{path}: ") for line in caught.value.messages]
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case[0] for case in CASES])
@@ -109,15 +98,7 @@ def test_defaults_are_those_of_section_3_4() -> None:
 
 
 def test_every_key_says_its_meaning() -> None:
-    from extremal.app.scene_errors import _models_in
-
-    def tables(model: type[pydantic.BaseModel]) -> list[type[pydantic.BaseModel]]:
-        below = [m for field in model.model_fields.values() for m in _models_in(field.annotation)]
-        return [model, *(table for m in below for table in tables(m))]
-
-    for table in tables(HawkesScene):
-        for name, field in table.model_fields.items():
-            assert field.description, f"{table.__name__}.{name}"
+    assert [key for key, meaning in keys(HawkesScene) if not meaning] == []
 
 
 def test_check_reads_the_tables_and_says_what_is_in_them(

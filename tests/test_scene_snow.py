@@ -6,11 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pydantic
 import pytest
+from bad_scenes import cases, keys, refusal
 
 from extremal.app import cli
-from extremal.app.errors import InputError
 from extremal.app.scene import read_scene, validate
 from extremal.app.snow_scene import SnowScene
 
@@ -20,8 +19,7 @@ TABLES = {
     "[[body]]": '[[body]]\nshape = "sphere"\ncenter = [0, 0, 0]\nradius = 0.5\n',
     "[analysis]": "[analysis]\nend_time = 1\n",
 }
-BLOCKS = (Path(__file__).parent / "bad_snow_scenes.txt").read_text(encoding="utf-8").strip().split("\n\n")
-CASES = [block.split("\n=> ") for block in BLOCKS]
+CASES = cases("bad_snow_scenes.txt")
 
 FULL = """
 title = "everything at once"
@@ -79,15 +77,6 @@ snow_ksp_rtol = 1e-4
 status = "finished"
 particles = { above = 100 }
 """
-
-
-def refusal(path: Path, text: str) -> list[str]:
-    """The lines with which a scene is refused, without the file's name."""
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        read_scene(path)
-    assert all(line.startswith(f"{path}: ") and "\n" not in line for line in caught.value.messages)
-    return [line.removeprefix(f"{path}: ") for line in caught.value.messages]
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case[0] for case in CASES])
@@ -150,15 +139,7 @@ def test_a_body_overrides_what_it_names_and_an_elastic_one_forgets_plasticity(fu
 
 
 def test_every_key_says_its_meaning() -> None:
-    def tables(model: type[pydantic.BaseModel]) -> list[type[pydantic.BaseModel]]:
-        from extremal.app.scene_errors import _models_in
-
-        below = [m for field in model.model_fields.values() for m in _models_in(field.annotation)]
-        return [model, *(table for m in below for table in tables(m))]
-
-    for table in tables(SnowScene):
-        for name, field in table.model_fields.items():
-            assert field.description, f"{table.__name__}.{name}"
+    assert [key for key, meaning in keys(SnowScene) if not meaning] == []
 
 
 def test_check_says_what_a_scene_asks_for(full: SnowScene, capsys: pytest.CaptureFixture[str]) -> None:
