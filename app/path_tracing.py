@@ -28,7 +28,9 @@ SUN = np.array([5.2, 3.6, 2.1])
 ZENITH, HORIZON = np.array([0.22, 0.30, 0.42]), np.array([0.62, 0.66, 0.70])
 # towards the sun, relative to right, away from the eye and up
 LIGHT = np.array([-0.62, -0.30, 0.72])
-STONE = (0.095, 0.125, 0.17)
+Colour = tuple[float, float, float]
+RUBBER: Colour = (0.45, 0.16, 0.05)
+STONE: Colour = (0.095, 0.125, 0.17)
 DEEPEST = 64  # scatterings of a path; what would be scattered more often is a little of the blue
 BLOCK = 16  # cells along an edge of a box of snow
 # The boxes' distance from one another in cells: a ray that leaves one must see that it enters the next. Mitsuba's rays
@@ -86,6 +88,7 @@ def trace(
     size: tuple[int, int],
     samples: int,
     tell: Callable[[float], None] = lambda part: None,
+    body: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
     """Return colours (height, width, 3), from 0 to 1, of snow before obstacles.
 
@@ -97,9 +100,14 @@ def trace(
         Paths of light for each pixel.
     tell : callable
         Called with the part of the work that is done.
+    body : (f, 3, 3) [m], optional
+        Facets of an elastic body.
     """
     mi = mitsuba()
-    scene = mi.load_dict(describe(mi, cloud, optics, surfaces, view, size))
+    described = describe(mi, cloud, optics, surfaces, view, size)
+    if body is not None:
+        described["body"] = _mesh(mi, body.reshape(-1, 3), np.arange(3 * len(body)), view.reach / REACH, RUBBER)
+    scene = mi.load_dict(described)
     total = np.zeros((size[1], size[0], 3))
     done = 0
     while done < samples:
@@ -223,26 +231,31 @@ def _upright(mi: Any, up: NDArray[Any], away: NDArray[Any]) -> Any:
     return mi.ScalarTransform4f(turn)
 
 
-def _obstacle(mi: Any, surface: Surface, view: View, unit: float) -> dict[str, Any]:
-    colour = {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(STONE)}}}
-    if surface.endless:  # a plane as far as the eye sees
-        a, b, c = surface.points[surface.triangles[0]]
-        normal = np.cross(b - a, c - a)
-        normal /= np.linalg.norm(normal)
-        foot = (view.middle - ((view.middle - a) @ normal) * normal) / unit
-        frame = mi.ScalarTransform4f().look_at(
-            origin=list(foot), target=list(foot + normal), up=list(np.eye(3)[np.argmin(np.abs(normal))])
-        )
-        return {"type": "rectangle", "to_world": frame.scale(100 * REACH), "bsdf": colour}
-    mesh = mi.Mesh("obstacle", len(surface.points), len(surface.triangles), props=_properties(mi, colour))
+def _obstacle(mi: Any, surface: Surface, view: View, unit: float) -> Any:
+    if not surface.endless:
+        return _mesh(mi, surface.points, surface.triangles, unit, STONE)
+    # a plane as far as the eye sees
+    a, b, c = surface.points[surface.triangles[0]]
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal)
+    foot = (view.middle - ((view.middle - a) @ normal) * normal) / unit
+    frame = mi.ScalarTransform4f().look_at(
+        origin=list(foot), target=list(foot + normal), up=list(np.eye(3)[np.argmin(np.abs(normal))])
+    )
+    return {"type": "rectangle", "to_world": frame.scale(100 * REACH), "bsdf": _matt(STONE)}
+
+
+def _mesh(mi: Any, points: NDArray[Any], triangles: NDArray[Any], unit: float, colour: Colour) -> Any:
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(_matt(colour))
+    mesh = mi.Mesh("mesh", len(points), triangles.size // 3, props=properties)
     values = mi.traverse(mesh)
-    values["vertex_positions"] = np.ascontiguousarray(surface.points.ravel() / unit, dtype=np.float32)
-    values["faces"] = np.ascontiguousarray(surface.triangles.ravel(), dtype=np.uint32)
+    values["vertex_positions"] = np.ascontiguousarray(points.ravel() / unit, dtype=np.float32)
+    values["faces"] = np.ascontiguousarray(triangles.ravel(), dtype=np.uint32)
     values.update()
     return mesh
 
 
-def _properties(mi: Any, bsdf: dict[str, Any]) -> Any:
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(bsdf)
-    return properties
+def _matt(colour: Colour) -> dict[str, Any]:
+    reflectance = {"type": "rgb", "value": list(colour)}
+    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}}

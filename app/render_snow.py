@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import path_tracing
-from .frames import read_frame
+from .frames import read_frame as read_mesh
+from .frames import read_shape
 from .particles_output import grid_density, openvdb, write_volume
+from .results import SOLID
 from .scenery import Scenery
-from .snow_summary import Frame, overall_bounds, picture, stage
+from .snow_summary import overall_bounds, picture, read_frame, stage
 from .view import choose_view, view_from
 
 if TYPE_CHECKING:
@@ -55,6 +57,7 @@ class SnowPictures:
         extinction: float = path_tracing.EXTINCTION,
         direction: tuple[float, float] | None = None,
     ) -> None:
+        self.folder = folder
         self.seen = stage(record, folder)
         self.obstacles = record["scene"].get("collider")
         self.size, self.samples = size, samples
@@ -88,13 +91,14 @@ class SnowPictures:
 
     def draw(self, time: float, path: Path, tell: Callable[[float], None]) -> NDArray[Any]:
         """Draw a frame; colours (height, width, 3)."""
-        points, mass = particles_of(path, self.mass)
+        file = path.relative_to(self.folder)
         if not self.samples:
-            return picture(Frame("", time, points), self.seen, self.bounds, self.size, self.view)
-        cloud = path_tracing.Cloud(*grid_density(points, mass, self.h), self.h)
-        return path_tracing.trace(
-            cloud, self.optics, self.scenery.at(time), self.view, self.size, self.samples, tell
-        )
+            frame = read_frame(self.folder, (time, str(file)))
+            return picture(frame, self.seen, self.bounds, self.size, self.view)
+        cloud = path_tracing.Cloud(*grid_density(*particles_of(path, self.mass), self.h), self.h)
+        surfaces, solid = self.scenery.at(time), self.folder / SOLID / file
+        body = read_shape(solid, curved=True).facets if solid.exists() else None
+        return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell, body)
 
 
 def write_volumes(record: Mapping[str, Any], frames: Mapping[int, tuple[float, Path]], folder: Path) -> int:
@@ -117,7 +121,7 @@ def write_volumes(record: Mapping[str, Any], frames: Mapping[int, tuple[float, P
 
 def particles_of(path: Path, usual: float) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return positions (n, 3) [m] and masses (n,) [kg] of the particles in a frame, `usual` where it has none."""
-    frame = read_frame(path)
+    frame = read_mesh(path)
     points = np.asarray(frame.points, dtype=float)
     mass = frame.point_data.get("mass")
     return points, np.full(len(points), usual) if mass is None else np.asarray(mass, dtype=float)
