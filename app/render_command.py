@@ -21,9 +21,15 @@ PICTURES = "pictures"
 SMALLEST, LARGEST = 16, 8192  # pixels
 SAMPLES = 16
 MOST_SAMPLES = 100_000
-FILM_RATE = 24.0
 # options that mean something for a run of one part only
-ONLY = {"elastic": ("field",), "snow": ("preview", "samples", "extinction", "vdb")}
+ONLY = {"elastic": ("field",), "snow": ("preview", "samples", "extinction", "cell_size", "vdb")}
+
+WITHOUT = {
+    "preview": ("samples", "extinction", "cell_size"),
+    "vdb": ("samples", "extinction", "preview", "film", "view"),
+    "flat": ("samples", "extinction", "cell_size", "vdb", "view"),
+}
+FINEST, COARSEST = 0.1, 10.0  # cells of a grid of density over those of the run
 
 
 def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
@@ -37,8 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
     parser.add_argument(
         "--view", metavar="A,E", type=direction, help="azimuth and elevation of the eye [degrees]; default: chosen"
     )
-    film_help = f"also a film, R frames a second ({FILM_RATE:g})"
-    parser.add_argument("--film", metavar="R", nargs="?", type=rate, const=FILM_RATE, help=film_help)
+    parser.add_argument("--film", metavar="R", type=rate, help="also a film, R frames a second")
     parser.add_argument("--field", metavar="NAME", help="elastic: colour by this field; default smallest_stretch")
     parser.add_argument("--preview", action="store_true", help="snow: quick pictures, seconds each, no extra library")
     parser.add_argument(
@@ -46,6 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
     )
     parser.add_argument(
         "--extinction", metavar="S", type=positive, help="snow: extinction coefficient [1/m]; default 724 (7.8)"
+    )
+    parser.add_argument(
+        "--cell-size", metavar="H", type=positive, help="snow: of the grid of density [m]; default that of the run"
     )
     parser.add_argument("--vdb", action="store_true", help="snow: density as OpenVDB instead of pictures")
 
@@ -60,7 +68,7 @@ def _render(args: argparse.Namespace) -> None:
     from .frames import frame_list
 
     record = _record(args.results)
-    _refuse(args, record["part"])
+    _refuse(args, record)
     all_frames = [(time, args.results / file) for time, file in frame_list(args.results)]
     if not all_frames:
         raise InputError(f"{args.results}: has no frame")
@@ -71,7 +79,7 @@ def _render(args: argparse.Namespace) -> None:
     if args.vdb:
         from .render_snow import write_volumes
 
-        print(f"{write_volumes(record, frames, folder)} volumes in {folder}", flush=True)
+        print(f"{write_volumes(record, frames, folder, args.cell_size)} volumes in {folder}", flush=True)
         return
     from .pictures import draw_all, picture_name
 
@@ -97,18 +105,26 @@ def _record(results: Path) -> dict[str, Any]:
     return record
 
 
-def _refuse(args: argparse.Namespace, part: str) -> None:
-    """Refuse options that would have no effect."""
-    given = {name for names in ONLY.values() for name in names if getattr(args, name)}
+def _refuse(args: argparse.Namespace, record: Mapping[str, Any]) -> None:
+    """Refuse options that would have no effect, and cells that would fill the memory."""
+    part, grid = record["part"], record["scene"].get("grid")
+    given = {name for name, value in vars(args).items() if value}
+
+    def check(names: Sequence[str], why: str) -> None:
+        for name in sorted(given & set(names)):
+            raise InputError(f"--{name.replace('_', '-')}: {why}; leave it out")
+
     for other, names in ONLY.items():
-        wrong = sorted(given & set(names)) if other != part else []
-        if wrong:
-            of = "an elastic run" if part == "elastic" else "a run of snow"
-            raise InputError(f"--{wrong[0]}: has no effect on {of}; leave it out")
-    for quick in ("preview", "vdb"):
-        wrong = sorted(given & {"samples", "extinction", "preview"} - {quick}) if quick in given else []
-        if wrong:
-            raise InputError(f"--{wrong[0]}: has no effect with --{quick}; leave one of them out")
+        if other != part:
+            check(names, "has no effect on " + ("an elastic run" if part == "elastic" else "a run of snow"))
+    for quick in given & {"preview", "vdb"}:
+        check(WITHOUT[quick], f"has no effect with --{quick}")
+    if grid and grid["dimension"] == 2:
+        check(WITHOUT["flat"], "has no effect on snow in the plane")
+    if args.cell_size:
+        h = grid["cell_size"] / record["scene"]["scale"]
+        if not FINEST * h <= args.cell_size <= COARSEST * h:
+            raise InputError(f"--cell-size: {args.cell_size:g}: must be from {FINEST * h:g} to {COARSEST * h:g} [m]")
 
 
 def _pictures(args: argparse.Namespace, record: Mapping[str, Any], frames: Sequence[tuple[float, Path]]) -> Any:
@@ -119,13 +135,10 @@ def _pictures(args: argparse.Namespace, record: Mapping[str, Any], frames: Seque
     from .path_tracing import EXTINCTION
     from .render_snow import SnowPictures
 
-    if record["scene"]["grid"]["dimension"] == 2:
-        for name in ("samples", "extinction", "view"):
-            if getattr(args, name):
-                raise InputError(f"--{name}: has no effect on snow in the plane; leave it out")
     quick = args.preview or record["scene"]["grid"]["dimension"] == 2
     paths = 0 if quick else args.samples or SAMPLES
-    return SnowPictures(record, args.results, frames, args.size, paths, args.extinction or EXTINCTION, args.view)
+    extinction = args.extinction or EXTINCTION
+    return SnowPictures(record, args.results, frames, args.size, paths, extinction, args.cell_size, args.view)
 
 
 def _film(pictures: Sequence[Path], frames_a_second: float) -> None:

@@ -38,6 +38,8 @@ class SnowPictures:
         Paths of light for each pixel; 0: the quick picture, also that of snow in the plane.
     extinction : float
         Of snow at its first density [1/m].
+    cell_size : float, optional
+        Of the grid that density is put on [m]; by default that of the run.
     direction : (float, float), optional
         Azimuth and elevation of the eye [degrees].
 
@@ -55,6 +57,7 @@ class SnowPictures:
         size: tuple[int, int],
         samples: int,
         extinction: float = path_tracing.EXTINCTION,
+        cell_size: float | None = None,
         direction: tuple[float, float] | None = None,
     ) -> None:
         self.folder = folder
@@ -63,7 +66,8 @@ class SnowPictures:
         self.size, self.samples = size, samples
         if samples:
             path_tracing.mitsuba()
-        self.h, reference = cell_and_density(record)
+        h, reference = cell_and_density(record)
+        self.h = cell_size or h
         self.optics = path_tracing.Optics(reference, extinction)
         self.mass = reference * self.seen.spacing**self.seen.dimension  # where frames have none
         self.bounds = overall_bounds(folder)
@@ -82,6 +86,7 @@ class SnowPictures:
         return {
             "drawn": repr(self.optics) if self.samples else "quickly",
             "samples": self.samples,
+            "cell_size": self.h,
             "size": self.size,
             "eye": self.view.eye.tolist(),
             "axes": self.view.axes.tolist(),
@@ -101,8 +106,18 @@ class SnowPictures:
         return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell, body)
 
 
-def write_volumes(record: Mapping[str, Any], frames: Mapping[int, tuple[float, Path]], folder: Path) -> int:
-    """Write the density [kg/m3] of frames as OpenVDB; return how many files.
+def write_volumes(
+    record: Mapping[str, Any],
+    frames: Mapping[int, tuple[float, Path]],
+    folder: Path,
+    cell_size: float | None = None,
+) -> int:
+    """Write the density [kg/m3] of frames as OpenVDB, on the run's grid or one with cells [m] of another size.
+
+    Returns
+    -------
+    int
+        How many files.
 
     Raises
     ------
@@ -115,7 +130,7 @@ def write_volumes(record: Mapping[str, Any], frames: Mapping[int, tuple[float, P
     per_cell = max(body["per_cell"] for body in record["scene"]["body"])
     for index, (time, path) in frames.items():
         points, mass = particles_of(path, reference * h**3 / per_cell)
-        write_volume(folder / f"density_{index:05d}.vdb", time, points, mass, h)
+        write_volume(folder / f"density_{index:05d}.vdb", time, points, mass, cell_size or h)
     return len(frames)
 
 

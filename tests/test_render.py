@@ -113,14 +113,16 @@ def test_a_machine_without_egl_is_told_what_to_install(
         ("elastic", "--preview", "--preview: has no effect on an elastic run; leave it out"),
         ("elastic", "--vdb", "--vdb: has no effect on an elastic run; leave it out"),
         ("snow", "--field J", "--field: has no effect on a run of snow; leave it out"),
-        ("snow", "--preview --samples 4", "--samples: has no effect with --preview; leave one of them out"),
-        ("snow", "--vdb --preview", "--preview: has no effect with --vdb; leave one of them out"),
+        ("snow", "--preview --samples 4", "--samples: has no effect with --preview; leave it out"),
+        ("snow", "--vdb --preview", "--preview: has no effect with --vdb; leave it out"),
         ("snow", "--view 30", "render: --view: 30: must be azimuth,elevation in degrees, from -360 to 360 and "
          "from -89 to 89, as -60,20"),
         ("snow", "--view -30,90", "render: --view: -30,90: must be azimuth,elevation in degrees, from -360 to 360 and "
          "from -89 to 89, as -60,20"),
         ("snow", "--samples 0", "render: --samples: 0: must be a whole number, 1 or more"),
         ("snow", "--extinction nan", "render: --extinction: nan: must be a number above 0"),
+        ("snow", "--cell-size 1e-6", "--cell-size: 1e-06: must be from 0.005 to 0.5 [m]"),
+        ("elastic", "--cell-size 0.1", "--cell-size: has no effect on an elastic run; leave it out"),
         ("snow", "--film 0", "render: --film: 0: must be a number above 0"),
     ],
 )  # fmt: skip
@@ -214,7 +216,7 @@ def test_without_ffmpeg_the_pictures_are_there_and_the_way_to_a_film_is_told(
     snow: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(pictures, "ffmpeg", lambda: None)
-    assert cli.main(["render", str(snow), "--preview", "--size", "64x48", "-o", str(tmp_path), "--film"]) == 0
+    assert cli.main(["render", str(snow), "--preview", "--size", "64x48", "-o", str(tmp_path), "--film", "24"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2].startswith("no film: ffmpeg is not installed; apt install ffmpeg")
     assert lines[-1].startswith(f"    ffmpeg -framerate 24 -pattern_type glob -i '{tmp_path}/frame_*.png'")
