@@ -100,6 +100,8 @@ def _snow(scene: SnowScene) -> list[str]:
     parts += [_counted(colliders, "collider", "colliders")] if colliders else []
     parts.append("explicit" if analysis.beta == 0 else f"implicit with beta {analysis.beta:g}")
     parts += ["gravity"] if scene.gravity is not None else []
+    if scene.solid is not None:
+        parts.append(f"solid {scene.solid.mesh.shape or scene.solid.mesh.file}")
     return parts
 
 

@@ -45,6 +45,7 @@ RATES: Mapping[str, float] = MappingProxyType(
         "gradients particle": 1.8e-6,
         "frame particle": 2.3e-6,
         "step snow": 1e-3,
+        "solid sweeps": 1.0,  # times Newton's method of the solid: what its collisions with snow take
         "particle bytes": 900,
         "gradients bytes": 600,
         "event": 3e-7,  # [s] an event simulated or read
@@ -189,7 +190,13 @@ def _snow(scene: SnowScene) -> Cost:
     if wants_gradients:
         shares["gradients"] = n * RATES["gradients particle"]
     shares["output"] = _frames(scene, steps) * (RATES["frame"] + n * RATES["frame particle"])
+    alone = None if scene.solid is None else _elastic(scene.solid.elastic(scene))
+    if alone is not None:
+        shares["solid"] = alone.seconds_per_step + RATES["solid sweeps"] * alone.shares["elasticity"]
     memory = LIBRARIES["snow"] + n * (RATES["particle bytes"] + (RATES["gradients bytes"] if wants_gradients else 0))
+    if alone is not None:
+        words = f"{n:,.0f} particles and {alone.size}"
+        return Cost(words, steps, memory + alone.bytes, 1.0 + alone.seconds_before, shares)
     return Cost(f"{n:,.0f} particles", steps, memory, 1.0, shares)
 
 

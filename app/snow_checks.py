@@ -65,6 +65,9 @@ def _solid(scene: SnowScene) -> Iterator[Problem]:
         keys = where[1:] if where[0] == "initial" else where
         if keys[0] in type(scene.solid).model_fields:  # the rest is the snow's, which has its own checks
             yield ("solid", *keys), message
+    for name in ("solid_smallest_gap", "solid_contact_force"):
+        if name in scene.expect and not scene.solid.collider:
+            yield ("expect", name), "needs [[solid.collider]]"
     if alone.dimension not in (None, scene.dimension):
         yield ("solid", "mesh"), f"is {alone.dimension}-dimensional; must be {scene.dimension}-dimensional, as the grid"
 
@@ -86,7 +89,7 @@ CHECKS: tuple[Check, ...] = (
     ({"grid"}, _plane_or_space),
     ({"analysis", "output"}, _frames),
     ({"grid", "output"}, _volumes),
-    ({"solid", "grid", "gravity", "analysis"}, _solid),
+    ({"solid", "grid", "gravity", "analysis", "expect"}, _solid),
     (set(), petsc_names),
     (set(), _expectations),
 )

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from .geometry import directed, length
 
 FIRST = 12  # facets looked at for each point; more where those cannot be all that may be nearest
+ON = 1e-9  # of a facet: what is nearer is on it
 AT_ONCE = 1 << 18  # points times facets in a pass: what it needs stays below 100 MB
 
 
@@ -143,7 +144,8 @@ class Facets:
         apart = x - place
         outside = np.einsum("nd,nd->n", apart, normal) >= 0
         phi = np.where(outside, 1.0, -1.0) * length(apart)
-        away = np.where((phi != 0)[:, None], np.where(outside[:, None], apart, -apart), normal)
+        clear = np.abs(phi) > ON * self._largest  # nearer, rounding would choose the direction
+        away = np.where(clear[:, None], np.where(outside[:, None], apart, -apart), normal)
         return Nearest(phi, directed(away, np.eye(x.shape[1])[-1]), nodes, weights)
 
     def _edge_normals(self) -> NDArray:

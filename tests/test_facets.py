@@ -67,6 +67,15 @@ def test_distance_to_a_bent_body_is_the_least_to_any_facet_and_its_gradient_the_
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
+def test_normal_of_what_is_on_the_surface_but_for_rounding_is_that_of_the_surface(dimension: int) -> None:
+    points, cells = simplices(dimension)
+    surface = Facets(points, boundary(points, cells))
+    x = np.full((2, dimension), 0.13)
+    x[:, 0] = [3e-18, -3e-18]
+    assert surface.nearest(x).normal == pytest.approx(np.tile(-np.eye(dimension)[0], (2, 1)), abs=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
 def test_what_is_far_from_all_elements_is_outside(dimension: int) -> None:
     points, cells = simplices(dimension)
     bent = points.copy()
