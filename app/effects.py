@@ -130,8 +130,22 @@ EFFECTS = (
         "distances of surface nodes to each collider, in each energy, residual and tangent",
         ("forms.contact", "obstacles.colliders"),
         ("elastic:contact",),
-        ("extremal.forms.contact", "extremal.forms.barrier", *OBSTACLES),
+        ("extremal.forms.contacts", "extremal.forms.contact", "extremal.forms.barrier", *OBSTACLES),
     ),
+    Effect(
+        "elastic",
+        "self_contact",
+        "[contact] self",
+        "pairs of close parts of the surface in each energy, residual and tangent; which of them meet, once a search",
+        ("forms.self_contact", "forms.proximity", "forms.surface"),
+        ("elastic:self_contact",),
+        (
+            "ipctk",
+            "extremal.forms.contacts",
+            *(f"extremal.forms.{name}" for name in ("self_contact", "proximity", "surface")),
+        ),
+    ),
+    Effect("elastic", "bodies", "[[mesh.body]]", "more cells", ("meshes.copies",)),
     Effect(
         "elastic",
         "second_degree",
@@ -197,6 +211,18 @@ EFFECTS = (
         "F_E and F_P followed for each particle: 144 bytes, an SVD a step",
         ("mpm.gradients",),
         ("snow:gradients",),
+    ),
+    Effect(
+        "snow",
+        "solid",
+        "[solid]",
+        "a step of an elastic body in each of the snow's, and their collisions by sweeps with a linear solve each",
+        ("mpm.exchange", "forms.moving_surface", "obstacles.facets", "app.coupled"),
+        ("snow:solid:step", "snow:solid:collisions"),
+        (
+            "dolfinx", "extremal.forms", "extremal.meshes", "extremal.app.coupled", "extremal.app.elastic",
+            "extremal.app.shapes", "extremal.mpm.exchange", "extremal.obstacles.facets",
+        ),  # fmt: skip
     ),
     Effect("snow", "shell", "[[body]] shell", "factors of mass and stiffness, once", ("mpm.noise",)),
     Effect("snow", "noise", "[[body]] noise", "factors of mass and stiffness, once", ("mpm.noise",)),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from extremal import forms, meshes
 
-from .elastic_checks import check_on_mesh
+from .elastic_checks import check_bodies, check_on_mesh
 from .errors import InputError
 from .expression import function_of, numeric, parse, parse_condition
 from .keyframes import rigid_motion
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from extremal.obstacles.colliders import Collider
 
     from .conditions_scene import Motion
-    from .elastic_scene import ElasticScene
+    from .elastic_scene import Body, ElasticScene
     from .material_scene import Material
 
 _ENERGY_NAMES = ("i1", "i2", "J", "I1", "I2", "s1", "s2", "s3", "d", "mu", "lam")
@@ -66,10 +66,27 @@ def mesh_of(scene: ElasticScene) -> meshes.MeshData:
     try:
         if scene.mesh_file is not None:
             order = scene.mesh.order if "order" in scene.mesh.model_fields_set else None
-            return meshes.read_mesh(scene.mesh_file, cell_size=scene.mesh.cell_size, order=order)
-        return meshes.generate(str(scene.mesh.shape), **scene.mesh.parameters)
+            data = meshes.read_mesh(scene.mesh_file, cell_size=scene.mesh.cell_size, order=order)
+        else:
+            data = meshes.generate(str(scene.mesh.shape), **scene.mesh.parameters)
+        if not scene.mesh.body:
+            return data
+        check_bodies(scene, data.dimension)
+        return meshes.copies(data, [_copies(one) for one in scene.mesh.body])
     except meshes.MeshError as error:
         raise InputError(f"{scene.path or 'scene'}: [mesh] {error}") from None
+
+
+def _copies(one: Body) -> meshes.Copies:
+    turn = one.rotation or 0.0
+    return meshes.Copies(
+        translation=one.translation,
+        rotation=turn if isinstance(turn, tuple) else (0.0, 0.0, turn),
+        count=one.count,
+        spacing=one.spacing,
+        tumbled=one.tumbled,
+        name=one.name or "",
+    )
 
 
 def _problem(scene: ElasticScene, domain: meshes.Domain, dimension: int) -> forms.ElasticProblem:

@@ -36,8 +36,6 @@ def check_on_mesh(
     InputError
         With one line for each thing wrong.
     """
-    from .scene_errors import problem_line
-
     found = [*_boundaries(scene, tuple(boundary_names)), *_dimension(scene, dimension)]
     regions = tuple(region_names)
     for name in scene.regions:
@@ -45,6 +43,17 @@ def check_on_mesh(
             found.append(
                 (("regions", name), "the mesh has no region of this name; " + suggestion(name, regions))
             )
+    _refuse(scene, found)
+
+
+def check_bodies(scene: ElasticScene, dimension: int) -> None:
+    """Check the number of components of [[mesh.body]], 2 or 3; raises InputError as above."""
+    _refuse(scene, [*_bodies(scene, dimension)])
+
+
+def _refuse(scene: ElasticScene, found: list[Problem]) -> None:
+    from .scene_errors import problem_line
+
     if found:
         file = str(scene.path or "scene")
         raise InputError(*(problem_line(file, scene._source, where, message) for where, message in found))
@@ -100,18 +109,40 @@ def _continuation(scene: ElasticScene) -> Iterator[Problem]:
 
 
 def _contact(scene: ElasticScene) -> Iterator[Problem]:
-    if scene.collider:
+    surface = scene.contact is not None and scene.contact.self
+    if "intersections" in scene.expect and not surface:
+        yield ("expect", "intersections"), "needs [contact] self = true"
+    if scene.collider or surface:
         return
     if scene.contact is not None:
-        yield ("contact",), "has no effect without [[collider]]"
+        yield ("contact",), "has no effect without [[collider]] or self = true"
     for name in ("smallest_gap", "contact_force"):
         if name in scene.expect:
-            yield ("expect", name), "needs [[collider]]"
+            yield ("expect", name), "needs [[collider]] or [contact] self = true"
 
 
 def _plane_or_space(scene: ElasticScene) -> Iterator[Problem]:
     if scene.dimension is not None:
+        yield from _bodies(scene, scene.dimension)
         yield from _dimension(scene, scene.dimension)
+
+
+def _bodies(scene: ElasticScene, d: int) -> Iterator[Problem]:
+    for i, one in enumerate(scene.mesh.body):
+        for key in ("translation", "count", "spacing"):
+            value = getattr(one, key)
+            if value is not None and len(value) != d:
+                yield ("mesh", "body", i, key), f"must have {d} components: the body is {d}-dimensional"
+        yield from _turn(("mesh", "body", i, "rotation"), one.rotation, d)
+
+
+def _turn(where: Where, rotation: float | tuple[float, ...] | None, d: int) -> Iterator[Problem]:
+    if rotation is None or (d == 3 and isinstance(rotation, tuple)):
+        return
+    if d == 2 and (isinstance(rotation, float) or rotation[:2] == (0, 0)):
+        return
+    accepted = "a rotation vector of 3 entries" if d == 3 else "one angle [rad], or [0, 0, angle]"
+    yield where, f"must be {accepted}: the body is {d}-dimensional"
 
 
 def _dimension(scene: ElasticScene, d: int) -> Iterator[Problem]:
@@ -123,19 +154,7 @@ def _dimension(scene: ElasticScene, d: int) -> Iterator[Problem]:
             vectors += [
                 (("motion", i, "keyframes", k, key), getattr(frame, key)) for key in ("translation", "center")
             ]
-            rotation = frame.rotation
-            if d == 3 and isinstance(rotation, tuple) and len(rotation) == 3:
-                continue
-            if d == 2 and (isinstance(rotation, float) or rotation is None):
-                continue
-            if d == 2 and isinstance(rotation, tuple) and len(rotation) == 3 and rotation[:2] == (0, 0):
-                continue
-            if rotation is not None:
-                accepted = "a rotation vector of 3 entries" if d == 3 else "one angle [rad], or [0, 0, angle]"
-                yield (
-                    ("motion", i, "keyframes", k, "rotation"),
-                    f"must be {accepted}: the body is {d}-dimensional",
-                )
+            yield from _turn(("motion", i, "keyframes", k, "rotation"), frame.rotation, d)
     if scene.gravity is not None:
         vectors.append((("gravity", "acceleration"), scene.gravity.acceleration))
     vectors.append((("initial", "velocity"), scene.initial.velocity))
@@ -166,7 +185,9 @@ def _known_boundaries(scene: ElasticScene) -> Iterator[Problem]:
 
     known = shape_boundaries(scene.mesh.shape, scene.mesh.parameters)
     if known is not None:
-        yield from _boundaries(scene, known)
+        names = {one.name for one in scene.mesh.body} or {None}
+        named = (f"{name}_{each}" if name else each for name in names for each in known if each != "surface")
+        yield from _boundaries(scene, (*named, "surface"))
 
 
 def _boundaries(scene: ElasticScene, known: tuple[str, ...]) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,17 +22,46 @@ from .scene_fields import (
     Number,
     Positive,
     Problem,
+    Rotation,
     Table,
     Text,
+    Vector,
+    vector,
 )
 
+Counts = Annotated[tuple[Annotated[Integer, Field(ge=1)], ...], vector("whole numbers")]
 CELL_FIELDS = ("J", "smallest_stretch", "von_mises", "energy_density", "inverted", "region")
 POINT_FIELDS = ("displacement", "velocity")
 DIAGNOSTICS = (
     "time", "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "smallest_stretch",
     "residual", "newton_iterations", "krylov_iterations", "svd_skipped", "max_displacement",
-    "smallest_gap", "contact_force",
+    "smallest_gap", "contact_force", "intersections",
 )  # fmt: skip
+
+
+class Body(Table):
+    """[[mesh.body]]: a body of the mesh's shape, or a lattice of them."""
+
+    name: Text | None = Field(
+        None, description="its regions and boundaries are called NAME_...; default: as the shape says, also of several"
+    )
+    translation: Vector | None = Field(None, description="of the first body [m]; default: where the mesh is")
+    rotation: Rotation | None = Field(
+        None, description="rotation vector [rad] about the middle of the mesh; in the plane one angle, or [0, 0, angle]"
+    )
+    count: Counts | None = Field(None, description="bodies along each axis; default: one")
+    spacing: Vector | None = Field(None, description="from one body to the next along each axis [m]")
+    tumbled: Annotated[Integer, Field(ge=0)] | None = Field(
+        None, description="turn each body at random besides; seed of the random numbers"
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield a lattice without size and names that others cannot write."""
+        if self.name is not None and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", self.name):
+            yield ("name",), "must begin with a letter and have letters, digits and _ only"
+        if (self.count is None) != (self.spacing is None):
+            missing, given = ("spacing", "count") if self.spacing is None else ("count", "spacing")
+            yield (missing,), f"is missing; {given} needs it"
 
 
 class MeshSettings(Table):
@@ -44,11 +74,12 @@ class MeshSettings(Table):
     file: Text | None = Field(None, description="mesh file, relative to the scene's folder")
     cell_size: Positive | None = Field(None, description="target length of an edge [m]")
     order: Literal[1, 2] = Field(1, description="1: straight cells, 2: curved cells with nodes on the edges")
+    body: tuple[Body, ...] = Field((), description="several bodies of this shape; absent: one, where the shape says")
 
     @property
     def parameters(self) -> dict[str, Any]:
         """The parameters of the shape given in the scene, cell_size and order among them."""
-        return {key: value for key, value in self.given().items() if key not in ("shape", "file")}
+        return {key: value for key, value in self.given().items() if key not in ("shape", "file", "body")}
 
     def given(self) -> dict[str, Any]:
         """Return the keys the scene file gives."""
@@ -177,17 +208,27 @@ class Analysis(Table):
 
 
 class ContactSettings(Table):
-    """[contact]: how the body meets its colliders."""
+    """[contact]: how the body meets its colliders, itself and other bodies."""
 
+    self: Boolean = Field(False, description="no parts of the surface, of one body or of several, cross each other")
+    friction: NotNegative = Field(
+        0.0, description="coefficient of Coulomb friction of the surface with itself [1]; colliders have their own"
+    )
     distance: Positive | None = Field(
-        None, description="distance below which a collider pushes [m]; default a tenth of the mean edge of cells"
+        None, description="distance below which what is met pushes [m]; default a tenth of the mean edge of cells"
     )
     stiffness: Positive = Field(
         1.0, description="c of the barrier's stiffness c E/distance [1]; larger is harder, and harder to solve"
     )
     after: Literal["untangled"] | None = Field(
-        None, description="begin when no element is inverted and no node inside a collider; default: at once"
+        None,
+        description="begin when no element is inverted, no node inside a collider, no surface cut; default: at once",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield friction that nothing feels."""
+        if self.friction > 0 and not self.self:
+            yield ("friction",), "needs self = true; colliders have a friction of their own"
 
 
 class Continuation(Table):

@@ -150,7 +150,7 @@ def _tables(scene: type[BaseModel], part: str) -> Iterator[str]:
             yield _shapes(model.KEYS)
         if model is not None and name != "regions":
             yield _table(model)
-            yield from _inner(name, model)
+            yield from _inner(_heading(name, field), model)
 
 
 def _shapes(shapes: Keys) -> str:
@@ -161,11 +161,11 @@ def _shapes(shapes: Keys) -> str:
     return "\n".join(rows) + "\n"
 
 
-def _inner(name: str, model: type[BaseModel]) -> Iterator[str]:
+def _inner(heading: str, model: type[BaseModel]) -> Iterator[str]:
     for key, field in model.model_fields.items():
         below = _model(field.annotation)
         if below is not None:
-            yield f"### {key} of [[{name}]]\n"
+            yield f"### {key} of {heading}\n"
             yield _sentence(str(field.description))
             yield _table(below)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from .boxes import bar, box, mattress
 from .check import check_mesh, repair
+from .copies import Copies, copies
 from .creature import creature
 from .curved import cylinder, sphere, torus, tube
 from .data import MeshData, MeshError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "SHAPES",
+    "Copies",
     "Domain",
     "MeshData",
     "MeshError",
@@ -27,6 +29,7 @@ __all__ = [
     "boundary_names",
     "box",
     "check_mesh",
+    "copies",
     "creature",
     "cylinder",
     "distribute",

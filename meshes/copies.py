@@ -17,13 +17,13 @@ class Copies:
 
     Attributes
     ----------
-    translation : (d,) [m]
+    translation : (d,) [m] or None
         Of the first copy.
     rotation : (3,) [rad]
         Rotation vector about the middle of the mesh's bounding box; in the plane only its last entry counts.
-    count : (d,) int
-        Copies along each axis.
-    spacing : (d,) [m]
+    count : (d,) int or None
+        Copies along each axis; None: one.
+    spacing : (d,) [m] or None
         From one to the next.
     tumbled : int or None
         Seed of random rotations of all copies, each its own, after `rotation`; None: they are turned alike.
@@ -31,10 +31,10 @@ class Copies:
         What the names of their regions and boundaries begin with; "": they share them with other copies.
     """
 
-    translation: Sequence[float]
+    translation: Sequence[float] | None = None
     rotation: Sequence[float] = (0.0, 0.0, 0.0)
-    count: Sequence[int] = (1, 1, 1)
-    spacing: Sequence[float] = (0.0, 0.0, 0.0)
+    count: Sequence[int] | None = None
+    spacing: Sequence[float] | None = None
     tumbled: int | None = None
     name: str = ""
 
@@ -42,7 +42,8 @@ class Copies:
         """Rotation (d, d) and translation (d,) [m] of each copy."""
         from scipy.spatial.transform import Rotation
 
-        places = np.stack(np.meshgrid(*(range(n) for n in self.count[:d]), indexing="ij"), axis=-1).reshape(-1, d)
+        steps = [range(n) for n in self.count or (1,) * d]
+        places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, d)
         turn = Rotation.from_rotvec(self.rotation)
         turns = [turn] * len(places)
         if self.tumbled is not None:
@@ -53,7 +54,8 @@ class Copies:
                 angles = rng.uniform(0, 2 * np.pi, len(places))
                 free = Rotation.from_rotvec(angles[:, None] * np.array([0.0, 0.0, 1.0]))
             turns = [one * turn for one in free]
-        shifts = np.asarray(self.translation) + places * np.asarray(self.spacing)[:d]
+        none = (0.0,) * d
+        shifts = np.asarray(self.translation or none) + places * np.asarray(self.spacing or none)
         return [(one.as_matrix()[:d, :d], shift) for one, shift in zip(turns, shifts)]
 
 
@@ -68,7 +70,7 @@ def copies(data: MeshData, placed: Sequence[Copies]) -> MeshData:
     d = data.dimension
     low, high = data.points.min(axis=0), data.points.max(axis=0)
     middle = (low + high) / 2
-    points, shifts, regions, facet_tags = [], [], [], []
+    points, regions, facet_tags = [], [], []
     names: tuple[dict[str, int], dict[str, int]] = ({}, {})
     for one in placed:
         tables = []

@@ -54,6 +54,8 @@ WITH: dict[str, dict[str, Tables]] = {
             "material": {"extension": "c2"},
         },
         "contact": {"collider": [{"shape": "half_space", "point": [0, 0, -0.01], "normal": [0, 0, 1]}]},
+        "self_contact": {"contact": {"self": True}},
+        "bodies": {"mesh": {"body": [{}, {"translation": [1.5, 0, 0]}]}},
         "inertia": DYNAMIC,
         "damping": {**DYNAMIC, "damping": {"stiffness": 1e-3}},
         "second_degree": {"element": {"degree": 2}},
@@ -67,6 +69,13 @@ WITH: dict[str, dict[str, Tables]] = {
         "gravity": {"gravity": {"acceleration": [0, 0, -9.81]}},
         "colliders": {"collider": [{"shape": "half_space", "point": [0, 0, 0], "normal": [0, 0, 1]}]},
         "implicit": {"analysis": {"beta": 1}},
+        "solid": {
+            "solid": {
+                "mesh": {"shape": "box", "size": [0.2, 0.2, 0.1], "cell_size": 0.1, "structured": True},
+                "material": {"young_modulus": 1e5, "poisson_ratio": 0.3, "density": 1000, "extension": "none"},
+                "velocity": [0, 0, 1],
+            }
+        },
         "gradients": {"output": {"fields": ["elastic_gradient"]}},
         "shell": {"body": [{"shell": {"thickness": 0.1}}]},
         "noise": {"body": [{"noise": {"size": 0.1}}]},
