@@ -113,6 +113,9 @@ NOTES = {
     "elastic.material": "Give `young_modulus` and `poisson_ratio`, or `shear_modulus` and `lame_lambda`. `density` "
     "has no default: dynamics and gravity ask for it. A custom energy may use `mu` and `lam` if moduli are "
     "given.",
+    "snow.solid": "Tables such as `[solid.mesh]` and `[[solid.fixed]]` have the keys they have in a scene for "
+    "[`extremal elastic`](#extremal-elastic). Gravity, times and steps are those of the snow. "
+    "[snow.md](snow.md#an-elastic-body-in-the-snow) explains.",
     "petsc": "Any PETSc option as `name = value`, for example `{part}_ksp_rtol = 1e-4`. The command line "
     "and an `-options_file` win over the scene. Options nobody used are reported at the end.",
     "hawkes.petsc": "Any PETSc option as `name = value`, for example `hawkes_tao_type = \"tron\"`. The command line "
@@ -162,9 +165,10 @@ def _shapes(shapes: Keys) -> str:
 
 
 def _inner(heading: str, model: type[BaseModel]) -> Iterator[str]:
+    described = [_model(field.annotation) for field in ElasticScene.model_fields.values()]
     for key, field in model.model_fields.items():
         below = _model(field.annotation)
-        if below is not None:
+        if below is not None and below not in described:
             yield f"### {key} of {heading}\n"
             yield _sentence(str(field.description))
             yield _table(below)

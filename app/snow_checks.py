@@ -64,7 +64,7 @@ def _solid(scene: SnowScene) -> Iterator[Problem]:
     for where, message in cross_checks(alone, elastic_checks.CHECKS):
         keys = where[1:] if where[0] == "initial" else where
         if keys[0] in type(scene.solid).model_fields:  # the rest is the snow's, which has its own checks
-            yield ("solid", *keys), message
+            yield ("solid", *keys), message.replace('type = "dynamic"', "what moves")
     for name in ("solid_smallest_gap", "solid_contact_force"):
         if name in scene.expect and not scene.solid.collider:
             yield ("expect", name), "needs [[solid.collider]]"

@@ -252,6 +252,7 @@ def test_killed_half_way_a_run_ends_as_if_it_had_not_been(before: int, after: in
 @pytest.mark.mpi
 def test_a_run_leaves_frames_of_the_solid_and_a_picture_of_both(comm: MPI.Intracomm, shared_path: Path) -> None:
     import meshio
+
     from extremal.app.solid_scene import DIAGNOSTICS
 
     tables = merged(FREE, {"output": {"summary": True}, "analysis": {"end_time": 0.01}})
