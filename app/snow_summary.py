@@ -161,13 +161,14 @@ def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
         values = history[name]
         words = name.replace("_energy", "").replace("_", " ")
         if name == "gravitational_energy":
-            values, words = values - np.nanmin(values), "gravitational (from its least)"
+            values, words = values - np.nanmin(values), "gravitational, from its least"
         axes.plot(time, values, color=ENERGIES[name], lw=1.2, label=words)
     if not shown:
         say_nothing(axes, "no energy")
         return
     axes.set_title("energy [J]", fontsize=10, loc="left")
-    axes.legend(fontsize=8, framealpha=0.7, edgecolor="none")
+    # above the curves: there is no empty corner that all runs leave
+    axes.legend(fontsize=8, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 0.98), borderpad=0.1)
     _finish(axes, time)
 
 

@@ -25,6 +25,7 @@ INVERTED = "#d62728"
 # viridis has no red, so an inverted element cannot be taken for a stretched one
 STRETCH = matplotlib.colormaps["viridis"]
 OBSTACLE = "#9aa3ad"
+AROUND = 0.25  # of the body's size, how much is seen around it where there are obstacles
 OBSTACLE_CELLS = 26  # facets that are drawn one by one must be few
 # A smallest stretch in between that is less than this part of those at start and end deserves a picture.
 SQUEEZED = 0.8
@@ -96,6 +97,8 @@ def _draw_shapes(figure: Figure, shapes: list[tuple[str, float, Shape]], obstacl
     scale = colors.Normalize(0.0, max(1.25, float(np.nanpercentile(shapes[-1][2].values, 98))))
     extents = [np.ptp(shape.corners, axis=0).max() for *_, shape in shapes]
     all_corners = np.array([shape.corners for *_, shape in shapes])
+    if obstacles:  # what is around the body belongs to the picture
+        all_corners += (AROUND * np.array(extents))[:, None, None] * np.array([[-1.0], [1.0]])
     together = np.array([all_corners[:, 0].min(axis=0), all_corners[:, 1].max(axis=0)])
     # one scale for both, unless one would become a speck
     shared = max(extents) <= 2.5 * min(extents) and np.ptp(together, axis=0).max() <= 2.5 * min(extents)
@@ -103,7 +106,7 @@ def _draw_shapes(figure: Figure, shapes: list[tuple[str, float, Shape]], obstacl
     wide, high = np.ptp(together, axis=0)[:2]
     stacked = shapes[0][2].planar and wide > 1.3 * high
     for i, (title, time, shape) in enumerate(shapes):
-        bounds = together if shared else shape.corners
+        bounds = together if shared else all_corners[i]
         if stacked:
             height = 0.69 / number
             x, y, width = 0.04, 0.19 + (number - 1 - i) * height, 0.56
@@ -159,7 +162,7 @@ def _draw_plane(
         linewidths=edges,
     )
     axes.add_collection(polygons)
-    margin = (0.1 if obstacles else 0.03) * np.ptp(bounds, axis=0).max()
+    margin = 0.03 * np.ptp(bounds, axis=0).max()
     low, high = bounds[0] - margin, bounds[1] + margin
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
@@ -187,8 +190,7 @@ def _draw_solid(
     else:
         rgba[:, :3] *= _light(shape.facets)[:, None]
         edges = np.full((len(rgba), 4), (0.1, 0.1, 0.1, 0.6 if len(rgba) <= EDGES_UP_TO else 0.0))
-        margin = 0.1 * np.ptp(bounds, axis=0).max()
-        around = _obstacle_facets(obstacles, time, np.array([bounds[0] - margin, bounds[1] + margin]))
+        around = _obstacle_facets(obstacles, time, bounds)
         glass = np.tile(colors.to_rgba(OBSTACLE, 0.3), (len(around), 1))
         glass[:, :3] *= _light(around)[:, None]
         # one collection: its facets are drawn from the farthest to the nearest
@@ -261,7 +263,7 @@ def _draw_histories(
     for name in energies:
         top.plot(x, table[name], label=name.replace("_", " "), lw=1.4 if name == "energy" else 1.0)
     if energies:
-        _logarithmic_if_wide(top, np.concatenate([table[name] for name in energies]))
+        _logarithmic_if_wide(top, np.concatenate([table[name] for name in energies]), 1e-9)
         top.set_title("energy [J]", fontsize=10, loc="left")
         if len(energies) > 1:
             top.legend(fontsize=8, frameon=False)
@@ -302,11 +304,11 @@ def _draw_histories(
             axes.set_xlim(x[0], x[-1])
 
 
-def _logarithmic_if_wide(axes: Any, values: NDArray[Any]) -> None:
+def _logarithmic_if_wide(axes: Any, values: NDArray[Any], least: float = 1e-16) -> None:
     finite = values[np.isfinite(values)]
     positive = finite[finite > 0]
     if len(positive) and finite.min() >= 0 and positive.max() > 100 * positive.min():
         # an energy of 1e-20 is a rest state, not a scale to draw to
         axes.set_yscale("log")
-        axes.set_ylim(bottom=max(positive.min(), 1e-16 * positive.max()) / 2)
+        axes.set_ylim(bottom=max(positive.min(), least * positive.max()) / 2)
         axes.yaxis.set_major_locator(ticker.LogLocator(numticks=6))

@@ -73,7 +73,7 @@ def say_nothing(axes: Any, words: str) -> None:
 def verdict(record: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return a headline, what stands below it, and their colour."""
     found = record["diagnostics"]
-    inverted = found.get("inverted")
+    inverted, crossed = found.get("inverted"), found.get("intersections")
     missed = [entry for entry in record.get("expect", ()) if not entry["met"]]
     words = [record["status"].upper()]
     if inverted is not None:
@@ -82,7 +82,12 @@ def verdict(record: Mapping[str, Any]) -> tuple[str, str, str]:
         words.append(_count(found["particles"], "particle"))
     if "smallest_stretch" in found:
         words.append(f"smallest stretch {float(found['smallest_stretch']):.3g}")
-    words.append(_count(record["solver_iterations"]["total"], "solver iteration"))
+    if crossed is not None:
+        words.append("no intersection" if crossed == 0 else "INTERSECTED")
+    if "smallest_gap" in found:
+        words.append(f"smallest gap {float(found['smallest_gap']):.2g} m")
+    if record["solver_iterations"]["total"]:
+        words.append(_count(record["solver_iterations"]["total"], "solver iteration"))
     words.append(_count(record["steps"], "step"))
     words.append(f"{record['wall_seconds']:.3g} s")
     words.append(_count(record["ranks"], "rank"))
@@ -95,7 +100,7 @@ def verdict(record: Mapping[str, Any]) -> tuple[str, str, str]:
     if record["status"] != "finished":
         color = BAD
     else:
-        color = DOUBTFUL if missed or inverted else GOOD
+        color = DOUBTFUL if missed or inverted or crossed else GOOD
     return "  ·  ".join(words), second, color
 
 
