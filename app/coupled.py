@@ -10,7 +10,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from extremal.forms import ElasticProblem
+from extremal.forms import ElasticProblem, StepFailure
 from extremal.forms.moving_surface import MovingSurface
 from extremal.mpm.exchange import Exchange
 from extremal.mpm.problem import SnowProblem
@@ -29,6 +29,8 @@ SHOWN = (
     "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "max_displacement", "newton_iterations",
     "smallest_gap", "contact_force",
 )  # fmt: skip
+
+GROWTH = 1.2  # of the step, at most, after one that the body could not make
 
 
 class CoupledProblem:
@@ -62,6 +64,7 @@ class CoupledProblem:
         self._given = np.zeros(d)  # impulse of the snow on the body [N s]
         self._outside = np.zeros(d)  # on snow, of all but the body
         self._passed = 0.0  # sum of the sizes of the steps' impulses
+        self._longest = np.inf  # step that the body is thought to manage [s]
         mass = self.comm.allreduce(float(snow.particles.mass.sum()))
         self._weight = mass * np.array(gravity or (0.0,) * d)  # [N]
         self._exchange.sweeps = 0
@@ -81,7 +84,7 @@ class CoupledProblem:
         kept = self.surface.keep()
         try:
             with self._event:
-                self.solid.advance(dt)
+                self._move_solid(dt)
                 surface = Facets(self.surface.positions(), self.surface.facets, self.surface.cells)
                 self._exchange.place(surface, self.surface.velocities(), self.surface.mass, self.surface.mobility)
             figures = self.snow.advance(dt)
@@ -93,7 +96,15 @@ class CoupledProblem:
         self._given += given
         self._passed += float(np.linalg.norm(given))
         self._outside += self.comm.allreduce(self._exchange.outside) + dt * self._weight
-        return figures | {"contact_sweeps": float(self._exchange.sweeps)}
+        self._longest = max(self._longest, GROWTH * dt)
+        return figures | {"wanted_step": min(figures["wanted_step"], self._longest)}
+
+    def _move_solid(self, dt: float) -> None:
+        try:
+            self.solid.advance(dt)
+        except StepFailure as failure:
+            self._longest = dt / 2
+            raise StepFailure(f"solid: {failure}", self._longest) from failure
 
     def _momentum(self) -> NDArray:
         """Of snow and body (d,) [N s] (collective)."""
@@ -124,19 +135,19 @@ class CoupledProblem:
         if self.comm.rank > 0:
             return {}
         sums = np.stack([self._given, self._outside, self._start, self.surface.outside])
-        account = {"solid sums": sums, "solid passed": np.array([self._passed])}
+        account = {"solid sums": sums, "solid scalars": np.array([self._passed, self._longest])}
         return snow | {f"solid {name}": values for name, values in body.items()} | account
 
     def restore(self, state: dict[str, NDArray]) -> None:
         """Take over what `state` gave, on any number of ranks; raises ValueError on all where it gave too little."""
-        if not self.comm.bcast(all(f"solid {name}" in state for name in ("u", "v", "sums", "passed"))):
+        if not self.comm.bcast(all(f"solid {name}" in state for name in ("u", "v", "sums", "scalars"))):
             raise ValueError("has no solid; accepted is a checkpoint of the same scene")
         self.snow.restore(state)
         own = {name.removeprefix("solid "): values for name, values in state.items() if name.startswith("solid ")}
-        sums, passed = self.comm.bcast((own.pop("sums", None), own.pop("passed", None)))
+        sums, scalars = self.comm.bcast((own.pop("sums", None), own.pop("scalars", None)))
         self.solid.restore(own)
         self._given, self._outside, self._start, self.surface.outside = sums
-        self._passed = float(passed[0])
+        self._passed, self._longest = map(float, scalars)
 
     def geometry(self) -> None:
         """Particles have no mesh; that of the body is `solid.geometry`."""

@@ -18,6 +18,7 @@ from extremal.app.coupled import CoupledProblem
 from extremal.app.scene import validate
 from extremal.app.scene_errors import literal
 from extremal.app.snow import build
+from extremal.forms import StepFailure
 
 # a ball of 12.6 kg and a block of 40 kg, both free, in the plane
 FREE: dict[str, Any] = tomllib.loads("""
@@ -225,6 +226,39 @@ def test_a_failed_step_leaves_everything_as_it_was(comm: MPI.Intracomm) -> None:
     assert made.time == made.snow.time == made.solid.time == 0.005
     assert all(np.array_equal(after[name], values) for name, values in before.items())
     assert made.diagnostics()["total_energy"] == pytest.approx(rows["total_energy"], rel=1e-12)
+
+
+def test_a_step_too_long_for_the_solid_is_cut_and_grows_again(comm: MPI.Intracomm) -> None:
+    made = problem(comm)
+    march(made, 0.005)
+    whole, limit = made.solid.advance, 2e-4
+
+    def advance(dt: float) -> dict[str, float]:
+        if dt > limit:
+            raise StepFailure("too long")
+        return whole(dt)
+
+    made.solid.advance = advance  # type: ignore[method-assign]
+    with pytest.raises(ArithmeticError, match="^solid: too long$") as caught:
+        made.advance(5e-4)
+    assert caught.value.wanted_step == 2.5e-4  # type: ignore[attr-defined]
+    wanted = made.advance(1e-4)["wanted_step"]
+    limit = 1.0
+    assert wanted == 2.5e-4
+    for _ in range(10):
+        wanted = made.advance(wanted)["wanted_step"]
+    assert wanted > 5e-4
+
+
+def test_a_solid_that_cannot_be_solved_ends_the_run_with_status_3(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables = merged(FREE, {"solid": {"solver": {"iterations": 1, "tolerance": 1e-13}}, "body": [{"velocity": [9, 0]}]})
+    path = tmp_path / "scene.toml"
+    path.write_text("".join(f"{key} = {literal(table)}\n" for key, table in tables.items()))
+    assert cli.main(["snow", str(path), "-o", str(tmp_path / "out"), "--quiet"]) == 3
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and "solid: SNES" in said[0] and "the smallest step" in said[0]
 
 
 @pytest.mark.parametrize(("before", "after"), [(2, 0), pytest.param(0, 3, marks=pytest.mark.long)])
