@@ -15,7 +15,7 @@ from .particles_output import grid_density, openvdb, write_volume
 from .results import SOLID
 from .scenery import Scenery
 from .snow_summary import overall_bounds, picture, read_frame, stage
-from .view import choose_view, view_from
+from .view import View, choose_view, view_from
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,14 +71,9 @@ class SnowPictures:
         self.optics = path_tracing.Optics(reference, extinction)
         self.mass = reference * self.seen.spacing**self.seen.dimension  # where frames have none
         self.bounds = overall_bounds(folder)
-        aspect = size[0] / size[1]
-        times = [time for time, _ in frames]
-        if direction is None:
-            self.view = choose_view(self.bounds, self.seen.colliders, times, self.seen.up, aspect)
-        else:
-            self.view = view_from(*direction, self.bounds, self.seen.up, aspect)
-        reach = FAR * self.view.reach
-        self.scenery = Scenery(self.seen.colliders, np.array([self.view.middle - reach, self.view.middle + reach]))
+        self.view: View | None = None
+        if self.seen.dimension == 3:
+            self.view = self._choose_view([time for time, _ in frames], direction)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -88,8 +83,7 @@ class SnowPictures:
             "samples": self.samples,
             "cell_size": self.h,
             "size": self.size,
-            "eye": self.view.eye.tolist(),
-            "axes": self.view.axes.tolist(),
+            "view": self.view and [self.view.eye.tolist(), self.view.axes.tolist()],
             "bounds": self.bounds.tolist(),
             "obstacles": self.obstacles,
         }
@@ -97,13 +91,21 @@ class SnowPictures:
     def draw(self, time: float, path: Path, tell: Callable[[float], None]) -> NDArray[Any]:
         """Draw a frame; colours (height, width, 3)."""
         file = path.relative_to(self.folder)
-        if not self.samples:
+        if not self.samples or self.view is None:
             frame = read_frame(self.folder, (time, str(file)))
             return picture(frame, self.seen, self.bounds, self.size, self.view)
         cloud = path_tracing.Cloud(*grid_density(*particles_of(path, self.mass), self.h), self.h)
-        surfaces, solid = self.scenery.at(time), self.folder / SOLID / file
+        reach = FAR * self.view.reach
+        scenery = Scenery(self.seen.colliders, np.array([self.view.middle - reach, self.view.middle + reach]))
+        surfaces, solid = scenery.at(time), self.folder / SOLID / file
         body = read_shape(solid, curved=True).facets if solid.exists() else None
         return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell, body)
+
+    def _choose_view(self, times: Sequence[float], direction: tuple[float, float] | None) -> View:
+        aspect = self.size[0] / self.size[1]
+        if direction is not None:
+            return view_from(*direction, self.bounds, self.seen.up, aspect)
+        return choose_view(self.bounds, self.seen.colliders, times, self.seen.up, aspect)
 
 
 def write_volumes(
