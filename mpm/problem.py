@@ -259,7 +259,10 @@ class SnowProblem:
         )
         right = -operator.hessian(new[sharing.owned])
         right[~free] = 0
-        delta, iterations, reason = implicit.solve(operator, right, self._rounding(sharing, mass, new, dt), self.comm)
+        rounding = self._rounding(sharing, mass, new, dt)
+        if not np.isfinite(rounding):  # PETSc 3.22 has no such tolerance
+            raise StepFailure("velocities are not finite", dt / 4)
+        delta, iterations, reason = implicit.solve(operator, right, rounding, self.comm)
         if reason < 0:
             raise StepFailure(f"KSP ended with reason {reason} after {iterations} iterations", dt / 2)
         new[sharing.owned] += delta

@@ -14,12 +14,14 @@ from extremal.app.studies._stability_picture import sentences, table
 
 pytestmark = pytest.mark.hard
 COARSE = 0.34  # [m]: 204 elements
-STILL = [case.name for case in CASES if case.dt is None]
+# the mirrored body may be at rest where its energy has a kink and no gradient is zero: that is up to the mesh
+MIRRORED = "boundary: surface mirrored"
+STILL = [case.name for case in CASES if case.dt is None and case.name != MIRRORED]
 SHORT = [case.name for case in CASES if case.dt is not None and case.dt < 1]
 LONG = [case.name for case in CASES if case.dt is not None and case.dt >= 1]
 # solved directly, nearly incompressible elements lock in false equilibria (docs/recovery.md); a stiff half on a soft
 # one takes a thousand iterations
-EASY = [case.name for case in CASES if case.dt is None and case.poisson_ratio <= 0.45 and case.iterations < 1000]
+EASY = [c.name for c in CASES if c.name in STILL and c.poisson_ratio <= 0.45 and c.iterations < 1000]
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +43,15 @@ def test_c2_with_the_continuation_recovers_from_every_hard_case(meshes, name):
 @pytest.mark.parametrize("name", EASY)
 def test_c2_alone_recovers_from_every_hard_case_up_to_nu_045(meshes, name):
     assert outcome(meshes, name, "c2")["outcome"] == "recovered"
+
+
+@pytest.mark.parametrize("model", ["c2", "c2_staged"])
+def test_a_surface_mirrored_in_one_step_and_back_is_recovered_from_on_most_meshes(model):
+    """Where the step out has no solution it fails cleanly: any other end is `broken`."""
+    sizes = (0.3, 0.32, 0.34, 0.36)
+    rows = [stability.outcome_of((MIRRORED, model, 1), domains(h, {"cube"}), h) for h in sizes]
+    assert {row["outcome"] for row in rows} <= {"recovered", "tangled"}
+    assert sum(row["outcome"] == "recovered" for row in rows) >= 3
 
 
 @pytest.mark.parametrize("model", ["c2", "c2_staged", "c1", "corotated", "fixed_corotated", "ife"])
