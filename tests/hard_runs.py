@@ -149,6 +149,16 @@ def difference(folder: Path, whole: Path) -> float:
     return worst
 
 
+def fingerprint(folder: Path) -> dict[str, list[float]]:
+    """Of each array of the final state its length as a vector, and a sum in which every number counts otherwise."""
+    state = last_state(folder)[1]
+    numbers = {name: np.ravel(values).astype(float) for name, values in state.items() if values.dtype.kind == "f"}
+    return {
+        name: [float(np.linalg.norm(values)), float(values @ np.cos(np.arange(values.size)))]
+        for name, values in numbers.items()
+    }
+
+
 def assert_same_run(folder: Path, whole: Path, tolerance: float = REPEATED) -> None:
     """The same final state, the same steps in history.csv, no frame too few or too many, nothing unfinished."""
     assert difference(folder, whole) <= tolerance
