@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # of the body's diagnostics those that the history of the coupled problem has
 SHOWN = (
     "energy", "elastic_energy", "kinetic_energy", "inverted", "smallest_J", "max_displacement", "newton_iterations",
-    "smallest_gap", "contact_force",
+    "smallest_gap", "contact_force", "intersections",
 )  # fmt: skip
 
 GROWTH = 1.2  # of the step, at most, after one that the body could not make

@@ -65,9 +65,12 @@ def _solid(scene: SnowScene) -> Iterator[Problem]:
         keys = where[1:] if where[0] == "initial" else where
         if keys[0] in type(scene.solid).model_fields:  # the rest is the snow's, which has its own checks
             yield ("solid", *keys), message.replace('type = "dynamic"', "what moves")
+    meets_itself = scene.solid.contact is not None and scene.solid.contact.self
+    if "solid_intersections" in scene.expect and not meets_itself:
+        yield ("expect", "solid_intersections"), "needs [solid.contact] self = true"
     for name in ("solid_smallest_gap", "solid_contact_force"):
-        if name in scene.expect and not scene.solid.collider:
-            yield ("expect", name), "needs [[solid.collider]]"
+        if name in scene.expect and not (scene.solid.collider or meets_itself):
+            yield ("expect", name), "needs [[solid.collider]] or [solid.contact] self = true"
     if alone.dimension not in (None, scene.dimension):
         yield ("solid", "mesh"), f"is {alone.dimension}-dimensional; must be {scene.dimension}-dimensional, as the grid"
 

@@ -29,7 +29,7 @@ DIAGNOSTICS = (
     "solid_energy", "solid_elastic_energy", "solid_kinetic_energy", "solid_inverted", "solid_smallest_J",
     "solid_max_displacement", "solid_newton_iterations", "solid_momentum_x", "solid_momentum_y", "solid_momentum_z",
     "solid_impulse_x", "solid_impulse_y", "solid_impulse_z", "solid_smallest_gap", "solid_contact_force",
-    "contact_sweeps", "total_energy", "momentum_error",
+    "solid_intersections", "contact_sweeps", "total_energy", "momentum_error",
 )  # fmt: skip
 
 
