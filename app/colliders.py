@@ -88,9 +88,10 @@ def shape_of(scene: Scene, table: collider_scene.Shape, d: int) -> Any:
         from extremal.obstacles.text import Text
 
         return Text(t.text, t.height, t.thickness, t.center)
-    from extremal.obstacles.surfaces import SurfaceMesh
+    from extremal.obstacles.surfaces import ClosedSurface, SurfaceMesh
 
-    return SurfaceMesh(scene.beside(t.file), t.scale, t.translation or (0.0,) * 3)
+    kind = ClosedSurface if cast(Any, scene).part == "elastic" else SurfaceMesh
+    return kind(scene.beside(t.file), t.scale, t.translation or (0.0,) * 3)
 
 
 def _height(surface: float | str, d: int) -> Callable[[NDArray], NDArray]:

@@ -11,15 +11,52 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .facets import Facets
 from .geometry import BodyError, central_gradient, length, positive, vector
 from .samples import Samples, grid_nodes
+from .shapes import Solid
 
 WELD = 1e-6  # corners closer than this part of the extent are one: STL repeats them in single precision
 BAND = 3  # cells on either side of the surface in which sampled distances are the library's
 
 
+class ClosedSurface(Solid):
+    """What a closed surface of triangles encloses, from STL, OBJ, PLY or another file that meshio reads.
+
+    φ is the exact distance: for the few points of an elastic body's surface, whose Newton iterations stop at the kinks
+    of samples.
+
+    Parameters
+    ----------
+    path : str or Path
+    scale : float
+        Multiplies the file's coordinates, to make them [m].
+    translation : (3,) [m]
+        Added after that.
+
+    Raises
+    ------
+    BodyError
+        If the file cannot be read, the surface is open or its triangles do not agree on the outside.
+    """
+
+    def __init__(self, path: str | Path, scale: float = 1.0, translation: ArrayLike = (0, 0, 0)) -> None:
+        self._facets = Facets(*_closed_surface(path, scale, translation))
+
+    def bounds(self) -> tuple[NDArray, NDArray]:
+        """Corners (3,) [m] of the smallest box that encloses the surface."""
+        return self._facets.bounds()
+
+    def distance(self, x: NDArray) -> NDArray:
+        return self._facets.nearest(x).phi
+
+    def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, 3) at points (n, 3) [m]."""
+        return self._facets.nearest(x).normal
+
+
 class SurfaceMesh:
-    """What a closed surface encloses, from STL, OBJ, PLY or another file that meshio reads.
+    """The same for the many points of snow.
 
     Inside or outside is exact, by libigl's winding numbers. φ is libigl's distance at the nodes of a grid, linear
     between them: a stored stationary level set (7.7), since an exact distance would cost some 10 µs each time.
@@ -48,13 +85,9 @@ class SurfaceMesh:
         translation: ArrayLike = (0, 0, 0),
         resolution: int = 64,
     ) -> None:
-        self._name = str(path)
-        points, faces = _read(Path(path))
-        points, faces = _welded(points, faces)
-        self._faces = _closed(points, faces, self._name)
-        self._points = points * positive(self._name, "scale", scale) + vector(self._name, "translation", translation, 3)
-        self._resolution = positive(self._name, "resolution", resolution)
-        self._library = _library(self._name)
+        self._points, self._faces = _closed_surface(path, scale, translation)
+        self._resolution = positive(str(path), "resolution", resolution)
+        self._library = _library(str(path))
 
     def bounds(self) -> tuple[NDArray, NDArray]:
         return self._points.min(axis=0), self._points.max(axis=0)
@@ -89,6 +122,14 @@ class SurfaceMesh:
         owner = np.ravel_multi_index(tuple(nearest), shape).ravel()[far]
         size[far] = length(nodes[far] - closest[owner])
         return Samples((sign * size).reshape(shape), low - BAND * h, h)
+
+
+def _closed_surface(path: str | Path, scale: float, translation: ArrayLike) -> tuple[NDArray, NDArray]:
+    """Points (n, 3) [m] and triangles (m, 3), turned outwards, of a file."""
+    name = str(path)
+    points, faces = _welded(*_read(Path(path)))
+    faces = _closed(points, faces, name)
+    return points * positive(name, "scale", scale) + vector(name, "translation", translation, 3), faces
 
 
 def _read(path: Path) -> tuple[NDArray, NDArray]:
