@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LOOKED_AT = 9  # frames by which view and colours of all are chosen
 STRETCH_AT_REST = 1.25  # a scale of stretches goes at least so far
-LARGEST = 2.0  # size of a body, over that at the start or the end, up to which it is seen whole
+LARGEST = 1.25  # size of a body, over that at the start or the end, up to which it is seen whole
 AROUND = 0.6  # of the body's size, how far obstacles are drawn around it
 HIDDEN = 0.15  # part of the body behind an obstacle from which on that becomes glass
 
@@ -58,6 +58,7 @@ class ElasticPictures:
     ) -> None:
         shaded.pyvista()
         self.obstacles = record["scene"].get("collider")
+        self.counted = bool(record["scene"]["output"].get("iterations"))
         self.size, self.field = size, field
         indices = sorted({round(index) for index in np.linspace(0, len(frames) - 1, LOOKED_AT)})
         times = [frames[index][0] for index in indices]
@@ -94,7 +95,8 @@ class ElasticPictures:
         """Draw a frame; colours (height, width, 3)."""
         shape = read_shape(path, self.field, curved=True)
         surfaces = self.scenery.at(time)
-        title = f"t = {time:.3g} s"
+        # among frames of solver iterations, their count stands for the time
+        title = f"iteration {time:.0f}" if self.counted else f"t = {time:.3g} s"
         return shaded.draw(shape, self.range, surfaces, self.see_through, self.view, self.size, title)
 
     def _choose_view(

@@ -120,17 +120,18 @@ def _add_body(
     )
     if shape.quantity:
         plotter.add_scalar_bar(
-            title=shape.quantity + (" (red: inverted)" if shape.inverted.any() else ""),
+            title="",
             color="black",
-            n_labels=5,
+            n_labels=6,
             fmt="%.3g",
-            title_font_size=max(10, size[1] // 42),
             label_font_size=max(9, size[1] // 50),
             width=0.4,
-            height=0.095,
+            height=0.07,
             position_x=0.3,
             position_y=0.015,
         )
+        words = shape.quantity + (" (red: inverted)" if shape.inverted.any() else "")
+        plotter.add_text(words, position=(0.3, 0.078), viewport=True, font_size=max(6, size[1] // 90), color="black")
 
 
 def _light(pv: Any, plotter: Any, view: View) -> None:
