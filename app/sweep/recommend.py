@@ -21,6 +21,8 @@ OWN = Path("results/studies")
 NEAR = 10.0  # points whose error is within this factor speak for a recommendation
 FINER = 15.0  # a reference that is not so many times as large, in size or steps, has a noticeable error of its own
 
+YEAR = 3.2e7  # [s]
+
 Study = Mapping[str, Any]
 
 
@@ -105,7 +107,12 @@ def _cheapest(study: Study, done: Sequence[Mapping[str, Any]], error: float) -> 
         words += f"; {_understated(study, best)}"
     elif fit is not None and fit["slope"] < 0:
         more = fit["level"] * error ** fit["slope"]
-        words += f"; by its slope {percent(error)} would take about {more:.2g} s"
+        if fit["high"] is not None and fit["high"] >= 0:
+            words += "; its time and error have no clear relation: nothing promises less"
+        elif more > YEAR:
+            words += f"; by its slope {percent(error)} would take years"
+        else:
+            words += f"; by its slope {percent(error)} would take about {more:.2g} s"
     raise LookupError(f"{words}; accepted is --error {_above(best['error'])} or more")
 
 
