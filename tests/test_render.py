@@ -7,6 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 from PIL import Image
 
 from extremal.app import cli, pictures
@@ -315,3 +316,20 @@ def test_the_eye_stays_where_it_is(tmp_path: Path) -> None:
     second = colours(folder / "pictures" / "frame_00001.png")[20:100]
     # moved by (0.01, 0.01, 0.01): the picture shifts by a pixel and is not centred again
     assert 0 < (np.abs(first - second).sum(axis=2) > 60).mean() < 0.1
+
+
+@pytest.mark.mpi
+def test_one_rank_draws_and_all_end_alike(
+    comm: MPI.Intracomm, shared_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, out = shared_path / "scene.toml", shared_path / "out"
+    if comm.rank == 0:
+        scene.write_text(SNOW)
+    comm.barrier()
+    assert cli.main(["snow", str(scene), "-o", str(out), "--quiet"]) == 0
+    capsys.readouterr()
+    assert cli.main(["render", str(out), "--preview", "--size", "64x48"]) == 0
+    assert len(list((out / "pictures").glob("frame_*.png"))) == 3
+    assert ("3 pictures in" in capsys.readouterr().out) == (comm.rank == 0)
+    assert cli.main(["render", str(out), "--field", "J"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == (comm.rank == 0)
