@@ -135,7 +135,7 @@ class CoupledProblem:
         if self.comm.rank > 0:
             return {}
         sums = np.stack([self._given, self._outside, self._start, self.surface.outside])
-        account = {"solid sums": sums, "solid scalars": np.array([self._passed, self._longest])}
+        account = {"solid sums": sums, "solid scalars": np.array([self._passed, 1 / self._longest])}
         return snow | {f"solid {name}": values for name, values in body.items()} | account
 
     def restore(self, state: dict[str, NDArray]) -> None:
@@ -147,7 +147,7 @@ class CoupledProblem:
         sums, scalars = self.comm.bcast((own.pop("sums", None), own.pop("scalars", None)))
         self.solid.restore(own)
         self._given, self._outside, self._start, self.surface.outside = sums
-        self._passed, self._longest = map(float, scalars)
+        self._passed, self._longest = float(scalars[0]), float(1 / scalars[1]) if scalars[1] else np.inf
 
     def geometry(self) -> None:
         """Particles have no mesh; that of the body is `solid.geometry`."""

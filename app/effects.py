@@ -222,7 +222,6 @@ EFFECTS = (
         (
             "dolfinx", "extremal.forms", "extremal.meshes", "extremal.app.coupled", "extremal.app.elastic",
             "extremal.app.expression", "extremal.app.keyframes", "extremal.app.shapes", "extremal.mpm.exchange",
-            "extremal.obstacles.facets",
         ),  # fmt: skip
     ),
     Effect("snow", "shell", "[[body]] shell", "factors of mass and stiffness, once", ("mpm.noise",)),

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .geometry import directed, length
 
@@ -54,6 +53,8 @@ class Facets:
 
     def __init__(self, points: NDArray, facets: NDArray, cells: NDArray | None = None) -> None:
         self.points, self.facets = points, facets
+        from scipy.spatial import cKDTree  # what has no such surface does without
+
         self._corners = corners = points[facets]
         d = points.shape[1]
         middle = corners.mean(axis=1)

@@ -96,7 +96,10 @@ def test_an_effect_alone_adds_its_own_events_and_libraries_only(
 
 SAME_PICTURE = {
     ("elastic", "summary"): {"extremal.app.summary"},
-    ("snow", "summary"): {"extremal.app.snow_summary", "extremal.app.snow_picture", "extremal.app.scenery", "extremal.app.view"},
+    ("snow", "summary"): {
+        *(f"extremal.app.{name}" for name in ("snow_summary", "snow_picture", "scenery", "view")),
+        "extremal.obstacles.isosurface",
+    },
     ("hawkes", "summary"): {"extremal.app.hawkes_summary", "extremal.app.hawkes_picture"},
 }
 
