@@ -83,6 +83,9 @@ def _elastic(scene: ElasticScene) -> list[str]:
         key: len(getattr(scene, key)) for key in ("regions", "fixed", "motion", "traction", "pressure")
     }
     parts += [f"{number} {key}" for key, number in counted.items() if number]
+    colliders = [collider.shape for collider in scene.collider]
+    parts += [_counted(colliders, "collider", "colliders")] if colliders else []
+    parts += ["contact with itself"] if scene.contact is not None and scene.contact.self else []
     present = ("gravity", "damping", "continuation")
     parts += [key for key in present if getattr(scene, key) is not None]
     if scene.initial.state != "rest":

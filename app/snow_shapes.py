@@ -71,8 +71,8 @@ class Body(Shape):
     KEYS = SOLIDS
     COMMON = ("shape", "material", "per_cell", "seed", "velocity", "spin", "shell", "noise")
 
-    shape: Literal["box", "sphere", "cylinder", "tube", "bowl", "gear", "wedge", "text", "height_field", "surface"] = Field(
-        description="what the body fills"
+    shape: Literal["box", "sphere", "cylinder", "tube", "bowl", "gear", "wedge", "text", "height_field", "surface"] = (
+        Field(description="what the body fills")
     )
     per_cell: Annotated[Integer, Field(ge=1, le=64)] = Field(8, description="particles in a cell of the grid")
     seed: Annotated[Integer, Field(ge=0)] = Field(0, description="seed of the particles' places")
