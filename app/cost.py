@@ -35,6 +35,8 @@ RATES: Mapping[str, float] = MappingProxyType(
         "iterations static": 5,  # of Newton in a step
         "iterations dynamic": 3,
         "iterations tangled": 22,
+        "iterations self contact": 17,
+        "self contact cell": 7e-6,  # [s] a cell and iteration, where all bodies touch
         "frame cell": 5e-6,  # [s] a cell of a frame
         "frame": 7e-3,  # [s] a frame, however small
         "unknown bytes": 2500,
@@ -145,6 +147,9 @@ def _elastic(scene: ElasticScene) -> Cost:
     often = RATES["iterations tangled" if tangled else "iterations dynamic" if dynamic else "iterations static"]
     if tangled and dynamic:  # the first steps untangle
         often = RATES["iterations dynamic"] * 2
+    meets_itself = scene.contact is not None and scene.contact.self
+    if meets_itself:
+        often = max(often, RATES["iterations self contact"])
     extent = np.ptp(data.points, axis=0)
     across = float(extent.max()) * (points / float(extent.prod())) ** (1 / d)  # nodes along the longest side
     krylov = RATES["krylov static"] * across / (10 if dynamic else 1)  # inertia makes the matrix a better one
@@ -158,6 +163,8 @@ def _elastic(scene: ElasticScene) -> Cost:
     if scene.output.iterations is not None:
         frames = often / scene.output.iterations
     shares = {"elasticity": one, "output": frames * (RATES["frame"] + cells * RATES["frame cell"])}
+    if meets_itself:
+        shares["self_contact"] = often * cells * RATES["self contact cell"] / (1 if d == 3 else 3)
     load = assembly / 10
     if dynamic:
         shares["inertia"] = often * load

@@ -117,9 +117,22 @@ def balls_come_to_rest_with_their_energy_in_store(history: History) -> None:
     assert history["elastic_energy"][rest] > 0.95 * start
 
 
+def nothing_ever_crosses(history: History) -> None:
+    assert not history["intersections"].any()
+    assert (history["smallest_gap"] > 0).all()
+
+
+def cubes_come_to_rest_and_nothing_crosses(history: History) -> None:
+    nothing_ever_crosses(history)
+    assert np.all(np.diff(history["energy"]) < 1e-6 * np.ptp(history["energy"]))  # backward Euler dissipates
+    assert history["kinetic_energy"].max() > 30
+
+
 CLAIMS: dict[str, Callable[[History], None]] = {
     "bounce": energy_goes_to_and_fro_and_stays,
+    "braid": nothing_ever_crosses,
     "elastic_bounce": balls_come_to_rest_with_their_energy_in_store,
+    "gelatin": cubes_come_to_rest_and_nothing_crosses,
     "mattress_corotated": more_and_more_elements_invert,
     "pulled_tetrahedron": law_thins_by_poisson_ratio_times_stretch,
     "recovery": recovery_dissipates,
