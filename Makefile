@@ -1,7 +1,7 @@
 # make run      a scattered cube recovers its shape on two ranks; results in results/scattered_cube
 # make test     linters, then the tests serially and on 2 and 3 ranks
 # make studies  what accuracy costs, short forms of all studies; make studies-long: the full ones, which take hours
-# make docs     the site with gallery, guide, theory and reference, in build/docs (needs PyPI once)
+# make docs     the site with gallery, guide, theory and reference, in build/docs (needs PyPI once); docs-check reads it
 # make test-long, test-hard, bench, lint, clean
 # `run` and `test` first install what is missing (setup.sh). Another scene: make run SCENE=app/scenes/twist.toml RANKS=4
 
@@ -31,7 +31,7 @@ mpirun := mpirun --oversubscribe
 pytest := $(python) -m pytest
 parallel_pytest := $(python) -m pytest -p no:cacheprovider --color=no
 
-.PHONY: run test test-long test-hard bench studies studies-long lint docs clean setup setup-dev
+.PHONY: run test test-long test-hard bench studies studies-long lint docs docs-check clean setup setup-dev
 .DEFAULT_GOAL := run
 
 run: setup
@@ -95,6 +95,10 @@ docs: setup
 	$(python) -m pdoc -o build/api --docformat numpy --favicon "data:," $(documented) "!extremal[.].*[.]_[a-z]"
 	NO_MKDOCS_2_WARNING=1 $(python) -m mkdocs build --clean
 	@echo "the site: build/docs/index.html"
+
+docs-check: docs
+	./setup.sh site
+	$(python) docs/site/check.py build/docs
 
 clean:
 	rm -rf build results .venv *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
