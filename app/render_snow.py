@@ -15,6 +15,7 @@ from .particles_output import grid_density, openvdb, write_volume
 from .results import SOLID
 from .scenery import Scenery
 from .snow_summary import overall_bounds, picture, read_frame, stage
+from .solid_frames import RecordedSolid
 from .view import View, choose_view, view_from
 
 if TYPE_CHECKING:
@@ -96,7 +97,9 @@ class SnowPictures:
             return picture(frame, self.seen, self.bounds, self.size, self.view)
         cloud = path_tracing.Cloud(*grid_density(*particles_of(path, self.mass), self.h), self.h)
         reach = FAR * self.view.reach
-        scenery = Scenery(self.seen.colliders, np.array([self.view.middle - reach, self.view.middle + reach]))
+        # an elastic body is drawn by its own triangles
+        obstacles = [each for each in self.seen.colliders if not isinstance(each, RecordedSolid)]
+        scenery = Scenery(obstacles, np.array([self.view.middle - reach, self.view.middle + reach]))
         surfaces, solid = scenery.at(time), self.folder / SOLID / file
         body = read_shape(solid, curved=True).facets if solid.exists() else None
         return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell, body)
