@@ -34,8 +34,8 @@ GROWTH = 1.2  # of the step, at most, after one that the body could not make
 
 
 class CoupledProblem:
-    """A step of length Δt: of the body without snow; of the snow, which collides with the body where it is then; and
-    the impulses of these collisions change the velocity of the body's surface.
+    """Snow and a body, in steps of the same length: the body's, without snow; the snow's, which collides with the body
+    where it is then; and the body is given the impulses of these collisions, within the step it has made.
 
     Parameters
     ----------
