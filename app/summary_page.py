@@ -115,7 +115,7 @@ def _short(found: Any) -> str:
 def _write_verdict(figure: Figure, record: Mapping[str, Any]) -> None:
     """Write the verdict at the bottom of the figure."""
     headline, second, color = verdict(record)
-    fits = 1350 / len(headline)
+    fits = 1550 / len(headline)
     figure.text(0.02, 0.055, headline, fontsize=min(11.5, fits), weight="bold", color=color, va="center")
     if second:
         figure.text(0.02, 0.02, second[:190], fontsize=9, color=color, va="center")

@@ -149,6 +149,34 @@ def test_a_collision_is_the_same_on_any_number_of_ranks():
         np.testing.assert_allclose(spread["u"], own["u"], atol=1e-9)  # residual 1e-10 E A over a stiffness of E
 
 
+def test_bodies_do_not_pass_through_each_other_in_one_long_step():
+    body = problem(
+        bodies(MPI.COMM_SELF, 2, Copies(), Copies((1.5, 0.2))),
+        material(2, young_modulus=1e4),
+        prescribed=[Prescribed(where=lambda x: x[:, 0] > -1, components=(1,))],  # they cannot go round each other
+        integrator="backward_euler",
+        contact={"self": True},
+    )
+    body.start(velocity=lambda x: towards(x, 10.0))
+    body.advance(0.3)  # each would fly 3 m
+    x, left = (body.space.positions + body.motion.u.reshape(-1, 2))[:, 0], body.space.positions[:, 0] < 1.01
+    assert x[left].mean() < x[~left].mean() and x[left].min() < x[~left].min() and x[left].max() < x[~left].max()
+    assert body.diagnostics()["intersections"] == 0
+
+
+def test_a_restart_goes_on_with_contact_of_the_body_with_itself():
+    whole, first, second = (colliding(MPI.COMM_SELF, 2, friction=0.3) for _ in range(3))
+    for body in (whole, first):
+        for _ in range(3):
+            body.advance(0.04)
+    second.restore(first.state())
+    second.time = first.time
+    for body in (whole, second):
+        body.advance(0.04)
+    assert whole.diagnostics()["contact_force"] > 0
+    np.testing.assert_allclose(second.motion.u, whole.motion.u, atol=1e-12)
+
+
 # ------------------------------------------------------------------------------------------ statics
 
 
