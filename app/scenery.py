@@ -15,7 +15,8 @@ from extremal.obstacles.shapes import HalfSpace
 
 from .colliders import colliders
 from .errors import InputError
-from .results import SCENE, SERIES, SOLID
+from .frames import frame_list
+from .results import SCENE, SOLID
 from .scene import read_toml, validate
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def recorded_colliders(record: Mapping[str, Any], folder: Path, dimension: int) 
         found = colliders(scene, scene.collider, dimension)
     except (InputError, KeyError, TypeError):
         found = []  # a picture without obstacles is better than none
-    if (folder / SOLID / SERIES).exists():
+    if frame_list(folder / SOLID):
         from .solid_frames import RecordedSolid
 
         found.append(RecordedSolid(folder / SOLID, dimension))
