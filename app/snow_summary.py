@@ -166,7 +166,10 @@ def _draw_energies(axes: Any, history: Mapping[str, NDArray[Any]]) -> None:
     if not shown:
         say_nothing(axes, "no energy")
         return
-    axes.set_title("energy [J]", fontsize=10, loc="left")
+    if len(shown) > 4:  # the legend takes the title's place
+        axes.set_ylabel("energy [J]", fontsize=9)
+    else:
+        axes.set_title("energy [J]", fontsize=10, loc="left")
     # above the curves: there is no empty corner that all runs leave
     axes.legend(fontsize=8, frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.03, 0.98), borderpad=0.1)
     _finish(axes, time)
