@@ -42,7 +42,7 @@ class Copies:
         """Rotation (d, d) and translation (d,) [m] of each copy."""
         from scipy.spatial.transform import Rotation
 
-        steps = [range(n) for n in self.count or (1,) * d]
+        steps = [range(n) for n in ((1,) * d if self.count is None else self.count)]
         places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, d)
         turn = Rotation.from_rotvec(self.rotation)
         turns = [turn] * len(places)
@@ -54,8 +54,8 @@ class Copies:
                 angles = rng.uniform(0, 2 * np.pi, len(places))
                 free = Rotation.from_rotvec(angles[:, None] * np.array([0.0, 0.0, 1.0]))
             turns = [one * turn for one in free]
-        none = (0.0,) * d
-        shifts = np.asarray(self.translation or none) + places * np.asarray(self.spacing or none)
+        shift, spacing = (np.zeros(d) if v is None else np.asarray(v) for v in (self.translation, self.spacing))
+        shifts = shift + places * spacing
         return [(one.as_matrix()[:d, :d], shift) for one, shift in zip(turns, shifts)]
 
 

@@ -13,6 +13,8 @@ from mpi4py import MPI
 
 from extremal import meshes
 from extremal.forms import LawError, Prescribed, StepFailure
+from extremal.forms.space import Space
+from extremal.forms.surface import Surface
 from extremal.meshes import Copies
 
 pytest.importorskip("ipctk")
@@ -57,6 +59,22 @@ def momentum(made):
     each = out.array.reshape(-1, d)
     x = (made.space.positions + made.motion.u.reshape(-1, d))[: len(each)]
     return made.comm.allreduce(each.sum(axis=0)), made.comm.allreduce(np.cross(x, each).sum(axis=0))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_every_rank_has_the_whole_surface(d, degree):
+    box = on(MPI.COMM_WORLD, "box", size=[2.0, 1.0, 0.5][:d], cell_size=0.3, dimension=d)
+    surface = Surface(Space(box, degree), np.zeros(0, dtype=np.int32))
+    x = surface.rest[surface.facets]
+    sides = x[:, 1:] - x[:, :1]
+    sizes = np.sqrt(np.linalg.det(sides @ sides.transpose(0, 2, 1))) / (d - 1)
+    assert sizes.sum() == pytest.approx({2: 6.0, 3: 7.0}[d])
+    corners = np.sort(surface.facets, axis=1)
+    edges = corners if d == 2 else np.vstack([corners[:, [0, 1]], corners[:, [0, 2]], corners[:, [1, 2]]])
+    shared = np.unique(edges if d == 3 else edges.reshape(-1, 1), axis=0, return_counts=True)[1]
+    assert (shared == 2).all()  # closed
 
 
 # ------------------------------------------------------------------------------------------ derivatives
