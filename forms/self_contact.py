@@ -224,13 +224,14 @@ class SelfContact:
 
     def diagnostics(self, u: NDArray, time: float, active: bool) -> dict[str, float]:
         """Smallest distance [m], at most d̂; half the sum of the nodes' forces [N]; whether anything intersects."""
-        x = self._placed(u)
-        force = self._gradient(x).reshape(x.shape) if active else np.zeros_like(x)
-        return {
-            "smallest_gap": self._near.nearest(x),
-            "contact_force": float(np.linalg.norm(force, axis=1).sum()) / 2,
-            "intersections": int(self._near.intersects(x)),
-        }
+        with self._event:
+            x = self._placed(u)
+            force = self._gradient(x).reshape(x.shape) if active else np.zeros_like(x)
+            return {
+                "smallest_gap": self._near.nearest(x),
+                "contact_force": float(np.linalg.norm(force, axis=1).sum()) / 2,
+                "intersections": int(self._near.intersects(x)),
+            }
 
     def barrier_energy(self, u: NDArray, time: float) -> float:
         """Energy of the barrier [J], what contact can give back."""
