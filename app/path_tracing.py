@@ -29,14 +29,13 @@ ZENITH, HORIZON = np.array([0.22, 0.30, 0.42]), np.array([0.62, 0.66, 0.70])
 # towards the sun, relative to right, away from the eye and up
 LIGHT = np.array([-0.62, -0.30, 0.72])
 Colour = tuple[float, float, float]
-RUBBER: Colour = (0.45, 0.16, 0.05)
 STONE: Colour = (0.095, 0.125, 0.17)
 DEEPEST = 64  # scatterings of a path; what would be scattered more often is a little of the blue
 BLOCK = 16  # cells along an edge of a box of snow
-# The boxes' distance from one another in cells: a ray that leaves one must see that it enters the next. Mitsuba's rays
-# begin a little off what they were scattered by, in its units; that much is this little where the scene is this large.
-GAP = 0.005
+# What is looked at has this radius, around the origin, in Mitsuba's units. Its rays begin 1e-4 (1 + |x|) off what they
+# were scattered by, so boxes stand that far apart: a ray that leaves one has to see that it enters the next.
 REACH = 20.0
+GAP = 2e-4 * REACH
 SAMPLES_AT_ONCE = 8  # of a pixel, between two reports of progress
 
 
@@ -57,6 +56,18 @@ class Cloud:
     density: NDArray[Any]  # (n1, n2, n3) [kg/m3]
     first: NDArray[Any]  # (3,)
     h: float  # [m]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Mitsuba's place of points [m]: what is looked at is around its origin, and not too small for it."""
+
+    middle: NDArray[Any]  # (3,) [m]
+    unit: float  # [m]
+
+    def of(self, x: NDArray[Any]) -> NDArray[Any]:
+        """Points (..., 3) in Mitsuba's units."""
+        return (x - self.middle) / self.unit
 
 
 def mitsuba() -> Any:
@@ -88,7 +99,6 @@ def trace(
     size: tuple[int, int],
     samples: int,
     tell: Callable[[float], None] = lambda part: None,
-    body: NDArray[Any] | None = None,
 ) -> NDArray[Any]:
     """Return colours (height, width, 3), from 0 to 1, of snow before obstacles.
 
@@ -100,14 +110,9 @@ def trace(
         Paths of light for each pixel.
     tell : callable
         Called with the part of the work that is done.
-    body : (f, 3, 3) [m], optional
-        Facets of an elastic body.
     """
     mi = mitsuba()
-    described = describe(mi, cloud, optics, surfaces, view, size)
-    if body is not None:
-        described["body"] = _mesh(mi, body.reshape(-1, 3), np.arange(3 * len(body)), view.reach / REACH, RUBBER)
-    scene = mi.load_dict(described)
+    scene = mi.load_dict(describe(mi, cloud, optics, surfaces, view, size))
     total = np.zeros((size[1], size[0], 3))
     done = 0
     while done < samples:
@@ -129,8 +134,8 @@ def describe(
 ) -> dict[str, Any]:
     """Return the scene in Mitsuba's words."""
     _, away, up = view.axes
-    unit = view.reach / REACH
-    eye = view.eye / unit
+    scale = Scale(view.middle, view.reach / REACH)
+    eye = scale.of(view.eye)
     camera = mi.ScalarTransform4f().look_at(origin=list(eye), target=list(eye + away), up=list(up))
     to_sun = LIGHT @ view.axes
     scene: dict[str, Any] = {
@@ -161,13 +166,13 @@ def describe(
         "sky": {"type": "envmap", "bitmap": _sky(mi), "to_world": _upright(mi, up, away)},
     }
     for number, surface in enumerate(surfaces):
-        scene[f"obstacle_{number}"] = _obstacle(mi, surface, view, unit)
+        scene[f"obstacle_{number}"] = _obstacle(mi, surface, scale)
     if cloud.density.any():
-        scene |= blocks_of(mi, cloud, optics, unit)
+        scene |= blocks_of(mi, cloud, optics, scale)
     return scene
 
 
-def blocks_of(mi: Any, cloud: Cloud, optics: Optics, unit: float) -> dict[str, Any]:
+def blocks_of(mi: Any, cloud: Cloud, optics: Optics, scale: Scale) -> dict[str, Any]:
     """Return the snow in Mitsuba's words: boxes of `BLOCK` cells, those without snow left out.
 
     Light that looks for its next scattering takes steps for the densest snow of the box it is in: in one large box
@@ -183,9 +188,10 @@ def blocks_of(mi: Any, cloud: Cloud, optics: Optics, unit: float) -> dict[str, A
     for corner in product(*(range(0, n, BLOCK) for n in counts)):
         values = padded[tuple(slice(c, c + BLOCK + 2) for c in corner)]
         if values.any():
-            low = (cloud.first + np.array(corner) - 0.5) * cloud.h / unit
+            low = scale.of((cloud.first + np.array(corner) - 0.5) * cloud.h)
             name = "snow_" + "_".join(str(c) for c in corner)
-            blocks[name] = _block(mi, values, low, cloud.h / unit, optics.extinction * unit, optics)
+            h, extinction = cloud.h / scale.unit, optics.extinction * scale.unit
+            blocks[name] = _block(mi, values, low, h, extinction, optics)
     return blocks
 
 
@@ -204,7 +210,7 @@ def _block(
     }
     return {
         "type": "cube",
-        "to_world": place().translate(list(low + extent / 2)).scale(0.5 * extent - GAP * h),
+        "to_world": place().translate(list(low + extent / 2)).scale(0.5 * extent - GAP),
         "bsdf": {"type": "null"},
         "interior": {
             "type": "heterogeneous",
@@ -231,26 +237,26 @@ def _upright(mi: Any, up: NDArray[Any], away: NDArray[Any]) -> Any:
     return mi.ScalarTransform4f(turn)
 
 
-def _obstacle(mi: Any, surface: Surface, view: View, unit: float) -> Any:
+def _obstacle(mi: Any, surface: Surface, scale: Scale) -> Any:
     if not surface.endless:
-        return _mesh(mi, surface.points, surface.triangles, unit, STONE)
+        return _mesh(mi, scale.of(surface.points), surface.triangles, surface.colour or STONE)
     # a plane as far as the eye sees
-    a, b, c = surface.points[surface.triangles[0]]
+    a, b, c = scale.of(surface.points[surface.triangles[0]])
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
-    foot = (view.middle - ((view.middle - a) @ normal) * normal) / unit
+    foot = (a @ normal) * normal  # below the middle of what is looked at
     frame = mi.ScalarTransform4f().look_at(
         origin=list(foot), target=list(foot + normal), up=list(np.eye(3)[np.argmin(np.abs(normal))])
     )
     return {"type": "rectangle", "to_world": frame.scale(100 * REACH), "bsdf": _matt(STONE)}
 
 
-def _mesh(mi: Any, points: NDArray[Any], triangles: NDArray[Any], unit: float, colour: Colour) -> Any:
+def _mesh(mi: Any, points: NDArray[Any], triangles: NDArray[Any], colour: Colour) -> Any:
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(_matt(colour))
     mesh = mi.Mesh("mesh", len(points), triangles.size // 3, props=properties)
     values = mi.traverse(mesh)
-    values["vertex_positions"] = np.ascontiguousarray(points.ravel() / unit, dtype=np.float32)
+    values["vertex_positions"] = np.ascontiguousarray(points.ravel(), dtype=np.float32)
     values["faces"] = np.ascontiguousarray(triangles.ravel(), dtype=np.uint32)
     values.update()
     return mesh

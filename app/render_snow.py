@@ -10,9 +10,7 @@ import numpy as np
 
 from . import path_tracing
 from .frames import read_frame as read_mesh
-from .frames import read_shape
 from .particles_output import grid_density, openvdb, write_volume
-from .results import SOLID
 from .scenery import Scenery
 from .snow_summary import overall_bounds, picture, read_frame, stage
 from .solid_frames import RecordedSolid
@@ -100,9 +98,8 @@ class SnowPictures:
         # an elastic body is drawn by its own triangles
         obstacles = [each for each in self.seen.colliders if not isinstance(each, RecordedSolid)]
         scenery = Scenery(obstacles, np.array([self.view.middle - reach, self.view.middle + reach]))
-        surfaces, solid = scenery.at(time), self.folder / SOLID / file
-        body = read_shape(solid, curved=True).facets if solid.exists() else None
-        return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell, body)
+        surfaces = scenery.at(time)
+        return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell)
 
     def _choose_view(self, times: Sequence[float], direction: tuple[float, float] | None) -> View:
         aspect = self.size[0] / self.size[1]

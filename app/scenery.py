@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,11 +31,12 @@ THICKNESS = 0.05  # that obstacles of the plane are given, over the width of the
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles of an obstacle, and whether it is a plane that goes on beyond them."""
+    """Triangles of an obstacle, whether it is a plane that goes on beyond them, and its colour if it has one."""
 
     points: NDArray[Any]  # (n, 3) [m]
     triangles: NDArray[Any]  # (m, 3)
     endless: bool = False
+    colour: tuple[float, float, float] | None = None
 
 
 def recorded_colliders(record: Mapping[str, Any], folder: Path, dimension: int) -> list[Collider]:
@@ -73,7 +74,11 @@ class Scenery:
 
     def at(self, time: float) -> list[Surface]:
         """The surfaces at a time [s]; those outside of the window are left out."""
-        found = [self._surface(i, collider, time) for i, collider in enumerate(self.colliders)]
+        found = []
+        for i, collider in enumerate(self.colliders):
+            colour = getattr(collider, "color", None)  # of an elastic body
+            surface = self._surface(i, collider, time)
+            found.append(surface if colour is None else replace(surface, colour=tuple(map(float, colour))))
         return [surface for surface in found if len(surface.triangles)]
 
     def _surface(self, i: int, collider: Collider, time: float) -> Surface:

@@ -53,6 +53,19 @@ def test_light_that_is_not_scattered_dies_out_by_beers_law(radiance: Radiance) -
         assert through(radiance, share, cells) == pytest.approx(np.full(3, expected), abs=0.024)
 
 
+def test_light_passes_the_seams_between_boxes_of_snow_like_snow(radiance: Radiance) -> None:
+    # cells so small that a ray meets the seams of many boxes, at a slant, where it begins a little off each
+    h, cells = 0.01, 30
+    density = np.zeros((150, cells + 6, 150))
+    density[2:-2, 3:-3, 2:-2] = 400
+    cloud = tracing.Cloud(density, np.array([-75, -(cells // 2) - 3, -75]), h)
+    optics = tracing.Optics(400.0, extinction=1.5 / (cells * h), albedo=(0.0, 0.0, 0.0))
+    view = view_from(-62.0, 16.0, np.array([[-1.0, -0.5, -1.0], [1.0, 0.5, 1.0]]), UP, 1.0)
+    image = radiance(cloud, optics, [], view, (32, 32), 256)[14:18, 14:18]
+    across = abs(view.axes[1][1])
+    assert image.mean() == pytest.approx(np.exp(-1.5 / across), abs=0.024)
+
+
 def test_snow_that_absorbs_nothing_cannot_be_seen_in_a_white_sky(
     radiance: Radiance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
