@@ -1,4 +1,4 @@
-"""Collisions of snow with a body that gives way: what snow loses in momentum the body gets, and what it gets."""
+"""Collisions of snow with a body that gives way: what the one loses in momentum the other gets."""
 
 from __future__ import annotations
 
