@@ -10,8 +10,10 @@ import numpy as np
 
 from . import path_tracing
 from .frames import read_frame as read_mesh
+from .frames import read_shape
 from .particles_output import grid_density, openvdb, write_volume
-from .scenery import Scenery
+from .results import SOLID
+from .scenery import Scenery, Surface
 from .snow_summary import overall_bounds, picture, read_frame, stage
 from .solid_frames import RecordedSolid
 from .view import View, choose_view, view_from
@@ -19,6 +21,7 @@ from .view import View, choose_view, view_from
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+RUBBER = (0.45, 0.16, 0.05)  # the colour of an elastic body
 FAR = 4.0  # how far obstacles are drawn, over the radius of what is looked at
 
 
@@ -98,7 +101,11 @@ class SnowPictures:
         # an elastic body is drawn by its own triangles
         obstacles = [each for each in self.seen.colliders if not isinstance(each, RecordedSolid)]
         scenery = Scenery(obstacles, np.array([self.view.middle - reach, self.view.middle + reach]))
-        surfaces = scenery.at(time)
+        surfaces, solid = scenery.at(time), self.folder / SOLID / file
+        if solid.exists():
+            facets = read_shape(solid, curved=True).facets
+            triangles = np.arange(3 * len(facets)).reshape(-1, 3)
+            surfaces.append(Surface(facets.reshape(-1, 3), triangles, colour=RUBBER))
         return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell)
 
     def _choose_view(self, times: Sequence[float], direction: tuple[float, float] | None) -> View:

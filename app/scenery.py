@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,11 +74,7 @@ class Scenery:
 
     def at(self, time: float) -> list[Surface]:
         """The surfaces at a time [s]; those outside of the window are left out."""
-        found = []
-        for i, collider in enumerate(self.colliders):
-            colour = getattr(collider, "color", None)  # of an elastic body
-            surface = self._surface(i, collider, time)
-            found.append(surface if colour is None else replace(surface, colour=tuple(map(float, colour))))
+        found = [self._surface(i, collider, time) for i, collider in enumerate(self.colliders)]
         return [surface for surface in found if len(surface.triangles)]
 
     def _surface(self, i: int, collider: Collider, time: float) -> Surface:

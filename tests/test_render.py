@@ -1,6 +1,7 @@
 """Pictures of a run's frames: refused in one line where they cannot be, drawn once, a film, volumes."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -316,6 +317,23 @@ def test_the_eye_stays_where_it_is(tmp_path: Path) -> None:
     second = colours(folder / "pictures" / "frame_00001.png")[20:100]
     # moved by (0.01, 0.01, 0.01): the picture shifts by a pixel and is not centred again
     assert 0 < (np.abs(first - second).sum(axis=2) > 60).mean() < 0.1
+
+
+def test_an_elastic_body_among_snow_is_in_its_picture(snow: Path, tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    out = tmp_path / "out"
+    shutil.copytree(snow, out)
+    (out / "solid" / "fields").mkdir(parents=True)
+    series = Series(out / "solid", (0.2 * POINTS + [0.25, 0.0, 0.0], CELLS, "tetra"), [])
+    for time, _ in frame_list(snow):
+        series.write(time, {"displacement": np.zeros((5, 3))}, {})
+    drawn = {}
+    for name, folder in (("with", out), ("without", snow)):
+        words = ["--size", "64x48", "--samples", "4", "--every", "2", "-o", str(tmp_path / name)]
+        assert cli.main(["render", str(folder), *words, "--view", "30,20"]) == 0
+        drawn[name] = colours(tmp_path / name / "frame_00002.png")
+    rubber = {name: (image[..., 0] > 1.5 * image[..., 2]).sum() for name, image in drawn.items()}
+    assert rubber["with"] > 40 and rubber["without"] == 0
 
 
 @pytest.mark.mpi
