@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .arguments import positive, whole
 from .errors import EXIT_FINISHED, InputError
 from .parallel import on_root
 from .results import RECORD
@@ -39,21 +40,24 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
         "-o", "--output", metavar="DIR", type=Path, help=f"folder for the pictures; default RESULTS/{PICTURES}"
     )
     parser.add_argument("--size", metavar="WxH", type=size, default=(960, 720), help="pixels; default 960x720")
-    parser.add_argument("--every", metavar="N", type=count, default=1, help="only each Nth frame")
+    parser.add_argument("--every", metavar="N", type=whole(), default=1, help="only each Nth frame")
     parser.add_argument(
         "--view", metavar="A,E", type=direction, help="azimuth and elevation of the eye [degrees]; default: chosen"
     )
-    parser.add_argument("--film", metavar="R", type=rate, help="also a film, R frames a second")
+    parser.add_argument("--film", metavar="R", type=positive(1000), help="also a film, R frames a second")
     parser.add_argument("--field", metavar="NAME", help="elastic: colour by this field; default smallest_stretch")
     parser.add_argument("--preview", action="store_true", help="snow: quick pictures, seconds each, no extra library")
     parser.add_argument(
-        "--samples", metavar="N", type=samples, help=f"snow: paths of light for each pixel; default {SAMPLES}"
+        "--samples",
+        metavar="N",
+        type=whole(1, MOST_SAMPLES),
+        help=f"snow: paths of light for each pixel; default {SAMPLES}",
     )
     parser.add_argument(
-        "--extinction", metavar="S", type=positive, help="snow: extinction coefficient [1/m]; default 724 (7.8)"
+        "--extinction", metavar="S", type=positive(), help="snow: extinction coefficient [1/m]; default 724 (7.8)"
     )
     parser.add_argument(
-        "--cell-size", metavar="H", type=positive, help="snow: of the grid of density [m]; default that of the run"
+        "--cell-size", metavar="H", type=positive(), help="snow: of the grid of density [m]; default that of the run"
     )
     parser.add_argument("--vdb", action="store_true", help="snow: density as OpenVDB instead of pictures")
 
@@ -160,38 +164,6 @@ def size(text: str) -> tuple[int, int]:
     if found is None or not all(SMALLEST <= int(number) <= LARGEST for number in found.groups()):
         raise argparse.ArgumentTypeError(f"{text}: must be width x height from {SMALLEST} to {LARGEST}, as 960x720")
     return int(found[1]), int(found[2])
-
-
-def count(text: str) -> int:
-    """Read a whole number above 0."""
-    if not (text.isascii() and text.isdigit()) or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, 1 or more")
-    return int(text)
-
-
-def samples(text: str) -> int:
-    """Read a number of paths of light."""
-    if count(text) > MOST_SAMPLES:
-        raise argparse.ArgumentTypeError(f"{text}: must be at most {MOST_SAMPLES}")
-    return int(text)
-
-
-def positive(text: str) -> float:
-    """Read a number above 0."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: must be a number above 0")
-    return number
-
-
-def rate(text: str) -> float:
-    """Read how many pictures of a film are seen in a second."""
-    if not positive(text) <= 1000:
-        raise argparse.ArgumentTypeError(f"{text}: must be at most 1000 frames a second")
-    return float(text)
 
 
 def direction(text: str) -> tuple[float, float]:

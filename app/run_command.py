@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from .arguments import whole
 from .errors import InputError
 from .options import PetscOptions, check_files
 from .parallel import on_root
@@ -54,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser, in_time: bool = True) -> None
         parser.add_argument(
             "--steps",
             metavar="N",
-            type=step_count,
+            type=whole(1, 10_000_000, "number of steps"),
             help="do the run in N steps (instead of [analysis] time_step)",
         )
     parser.add_argument("--quiet", action="store_true", help="no progress, only notes and the end")
@@ -122,17 +123,6 @@ def _solve(
     if line is not None and comm.rank == 0:
         print(f"extremal: {line}", file=sys.stderr, flush=True)
     return outcome.exit_code
-
-
-def step_count(text: str) -> int:
-    """Read a number of steps."""
-    try:
-        count = int(text)
-    except ValueError:
-        count = 0
-    if not 1 <= count <= 10_000_000:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number of steps, 1 or more")
-    return count
 
 
 def in_steps(scene: S, count: int) -> S:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from . import run_command
+from .arguments import positive
 from .snow_scene import LARGEST_SCALE, SnowScene
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser, words: Sequence[str]) -> None
     parser.add_argument(
         "--scale",
         metavar="S",
-        type=scale_factor,
+        type=positive(LARGEST_SCALE),
         help="cells S times finer, particles as many times more in each direction (instead of the scene's scale)",
     )
 
@@ -32,14 +32,3 @@ def run(args: argparse.Namespace, petsc_arguments: Sequence[str], comm: MPI.Comm
         return scene if args.scale is None else scene.model_copy(update={"scale": args.scale})
 
     return run_command.run_scene("snow", args, petsc_arguments, comm, scaled)
-
-
-def scale_factor(text: str) -> float:
-    """Read a scale."""
-    try:
-        scale = float(text)
-    except ValueError:
-        scale = math.nan
-    if not 0 < scale <= LARGEST_SCALE:
-        raise argparse.ArgumentTypeError(f"{text}: must be a number above 0 and at most {LARGEST_SCALE:g}")
-    return scale

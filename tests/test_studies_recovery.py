@@ -82,8 +82,8 @@ def test_sentences_count_what_recovered():
         (["--starts", "scatter"], "scatter: unknown"),
         (["--poisson-ratios", "0.5"], "0.5: each must be above -1 and below 0.5"),
         (["--poisson-ratios", "soft"], "soft: not a number"),
-        (["--seeds", "1.5"], "1.5: must be a positive whole number"),
-        (["--cell-size", "0"], "0: must be a positive number"),
+        (["--seeds", "1.5"], "1.5: must be a whole number, 1 or more"),
+        (["--cell-size", "0"], "0: must be a number above 0"),
     ],
 )
 def test_bad_arguments_are_named(words, message):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..arguments import whole
 from ..results import atomic, write_text
 from ._table import aligned, make_folder, write_rows
 
@@ -37,23 +38,9 @@ class Cell:
 def add_arguments(parser: argparse.ArgumentParser, name: str, runs: int) -> None:
     """Declare what all these studies have: the folder of results, number of runs, seed, --quick."""
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("results") / name)
-    parser.add_argument("--runs", metavar="N", type=positive, default=runs, help=f"simulations a case ({runs:,})")
-    parser.add_argument("--seed", metavar="N", type=natural, default=1, help="of all random numbers (1)")
+    parser.add_argument("--runs", metavar="N", type=whole(), default=runs, help=f"simulations a case ({runs:,})")
+    parser.add_argument("--seed", metavar="N", type=whole(0), default=1, help="of all random numbers (1)")
     parser.add_argument("--quick", action="store_true", help="a few runs only")
-
-
-def positive(text: str) -> int:
-    """A whole number from 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: must be a positive whole number")
-    return int(text)
-
-
-def natural(text: str) -> int:
-    """A whole number from 0."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number, 0 or more")
-    return int(text)
 
 
 def publish(args: argparse.Namespace, name: str, cells: Sequence[Cell], note: str) -> None:

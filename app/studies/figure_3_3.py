@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..arguments import whole
 from ..errors import EXIT_FINISHED
 from ..parallel import on_root
 from ..results import atomic
@@ -31,7 +32,7 @@ COLUMNS = ("branching", "tau", "percent", "low", "high", "runs", "seed")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the map's points, number of runs and seed."""
     output.add_arguments(parser, NAME, RUNS)
-    parser.add_argument("--points", metavar="N", type=output.positive, default=21, help="along each side (21)")
+    parser.add_argument("--points", metavar="N", type=whole(), default=21, help="along each side (21)")
 
 
 def run(args: argparse.Namespace, comm: MPI.Comm) -> int:

@@ -18,8 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..arguments import whole
 from ..errors import EXIT_FINISHED, InputError
-from . import _network_table as output
 from ._process import report_of
 from ._table import aligned, machine, make_folder, write_rows
 
@@ -43,7 +43,7 @@ Row = dict[str, str]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare where the neighbours are."""
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, default=Path("results/hawkes-cost"))
-    parser.add_argument("--seed", metavar="N", type=output.natural, default=1, help="of all random numbers (1)")
+    parser.add_argument("--seed", metavar="N", type=whole(0), default=1, help="of all random numbers (1)")
     parser.add_argument(
         "--peers", metavar="DIR", type=Path, default=PEERS, help=f"folder of the neighbours' venvs ({PEERS})"
     )

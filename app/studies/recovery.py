@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..arguments import positive, whole
 from ..errors import EXIT_FINISHED, suggestion
 from ..parallel import on_root
 from ._share import share_out
@@ -82,9 +83,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, metavar="A,B", type=some_of(choices), default=[*choices], help="some of: " + ", ".join(choices)
         )
     parser.add_argument("--poisson-ratios", metavar="A,B", type=_ratios, default=[*POISSON_RATIOS], help="below 0.5")
-    parser.add_argument("--seeds", metavar="N", type=positive(int), default=5, help="random starts (5)")
+    parser.add_argument("--seeds", metavar="N", type=whole(), default=5, help="random starts (5)")
     parser.add_argument(
-        "--cell-size", metavar="H", type=positive(float), default=0.1, help="of edges [m] (0.1: 4994 cells)"
+        "--cell-size", metavar="H", type=positive(), default=0.1, help="of edges [m] (0.1: 4994 cells)"
     )
     parser.add_argument("--quick", action="store_true", help="one seed, two ν, a coarse mesh: half a minute")
 
@@ -105,17 +106,6 @@ def _ratios(text: str) -> list[float]:
     if not all(-1 < value < 0.5 for value in values):
         raise argparse.ArgumentTypeError(f"{text}: each must be above -1 and below 0.5")
     return values
-
-
-def positive(kind: type) -> Any:
-    """A reader of a positive number of that kind."""
-    def read(text: str) -> Any:
-        value = _number(text)
-        if value <= 0 or kind(value) != value:
-            raise argparse.ArgumentTypeError(f"{text}: must be a positive {'whole ' * (kind is int)}number")
-        return kind(value)
-
-    return read
 
 
 def _number(text: str) -> float:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arguments import positive
 from ..errors import EXIT_FINISHED
 from ..parallel import on_root
 from ..results import write_text
@@ -62,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             default=[*choices],
             help=f"some of: {', '.join(choices)}",
         )
-    parser.add_argument("--cell-size", metavar="H", type=recovery.positive(float), default=CELL_SIZE, help="[m] (0.2)")
+    parser.add_argument("--cell-size", metavar="H", type=positive(), default=CELL_SIZE, help="[m] (0.2)")
     parser.add_argument("--quick", action="store_true", help="one seed, no naive solvers, a coarse mesh: half a minute")
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..arguments import positive, whole
 from ..errors import EXIT_FINISHED, EXIT_SOLVER, InputError
 from ..parallel import on_root
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of a sweep."""
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="default results/studies/NAME, or NAME-quick")
-    parser.add_argument("-j", "--jobs", metavar="N", type=_count, default=1, help="points at once (1)")
-    parser.add_argument("--ranks", metavar="R", type=_count, help="run each point under mpirun with R ranks")
+    parser.add_argument("-j", "--jobs", metavar="N", type=whole(1, 1024), default=1, help="points at once (1)")
+    parser.add_argument("--ranks", metavar="R", type=whole(1, 1024), help="run each point under mpirun with R ranks")
     parser.add_argument("--quick", action="store_true", help="the short form")
 
 
@@ -62,8 +62,8 @@ def add_recommend_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `recommend`."""
     parser.add_argument("scene", metavar="SCENE", help="scene file, or the name of a scene or case that has sweeps")
     wanted = parser.add_mutually_exclusive_group(required=True)
-    wanted.add_argument("--error", metavar="E", type=_positive, help="relative error that is good enough, as 1e-2")
-    wanted.add_argument("--seconds", metavar="S", type=_positive, help="processor seconds that may be spent")
+    wanted.add_argument("--error", metavar="E", type=positive(), help="relative error that is good enough, as 1e-2")
+    wanted.add_argument("--seconds", metavar="S", type=positive(), help="processor seconds that may be spent")
 
 
 def run_recommend(args: argparse.Namespace, comm: MPI.Comm) -> int:
@@ -72,19 +72,3 @@ def run_recommend(args: argparse.Namespace, comm: MPI.Comm) -> int:
 
     on_root(comm, lambda: print(recommend(args.scene, args.error, args.seconds), flush=True))
     return EXIT_FINISHED
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text}: must be a whole number from 1 to 1024")
-    return int(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: must be a number above 0")
-    return number
