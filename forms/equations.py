@@ -225,6 +225,8 @@ class Equations:
             stiffness.assemble()
             if self.contact is not None and self.contact.surface is not None:
                 compat.fill(out, stiffness, self.contact.coupling(projected))
+            elif out.handle != stiffness.handle:
+                stiffness.copy(out, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
 
     def linear_force(self, here: PETSc.Vec, change: NDArray) -> PETSc.Vec:
         """Residual at `here` plus the projected tangent there times `change` (local values); fills `matrix`.

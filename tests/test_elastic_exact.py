@@ -257,7 +257,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(d, degree):
     )
     random, equations = np.random.default_rng(2), body.equations
     equations.set_time(1.0)
-    equations.begin(body._scheme.terms(body.motion, 0.5), body.motion.u)
+    equations.begin(body.scheme.terms(body.motion, 0.5), body.motion.u)
     x, step, low, high, product = (equations.vector.duplicate() for _ in range(5))
     x.array[:] = 0.1 * random.normal(size=len(x.array))
     step.array[:] = random.normal(size=len(x.array))
