@@ -44,11 +44,12 @@ class Energy:
         whole = s.gather(x)
         if whole is not None:
             w = s.whole
-            scratch = np.empty(len(w.coupling))
+            scratch, future = np.empty(len(w.coupling)), np.empty(len(w))
             for _ in range(times):
+                later(w, whole, scratch, future)
                 kernel.call(
                     "sweep", w.count, w.start, w.pair, w.decay, len(w.coupling), w.coupling, w.linear, scratch,
-                    later(w, whole, scratch), whole,
+                    future, whole,
                 )  # fmt: skip
         return s.scatter(whole)
 
@@ -93,8 +94,9 @@ class Energy:
         return most
 
 
-def later(slots: Slots, x: NDArray, scratch: NDArray) -> NDArray:
-    """(S,) what later slots of a slot's timeline add up to, Σ x e^(-ω Δt) (not collective); scratch (K,) is lost."""
-    future = np.empty(len(slots))
+def later(slots: Slots, x: NDArray, scratch: NDArray, future: NDArray) -> None:
+    """Put into `future` (S,) what later slots of a slot's timeline add up to, Σ x e^(-ω Δt); `scratch` (K,) is lost.
+
+    Not collective.
+    """
     kernel.call("later", len(slots), slots.pair, slots.decay, len(slots.coupling), x, scratch, future)
-    return future

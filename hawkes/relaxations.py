@@ -82,12 +82,13 @@ def relax(
     done, change = 0, np.inf
     if whole is not None:
         w = slots.whole
-        scratch = np.empty(len(w.coupling))
+        scratch, future = np.empty(len(w.coupling)), np.empty(len(w))
         room = np.empty(2 * int(np.diff(w.start).max(initial=0)))
         while done < rounds and change > tolerance:
+            later(w, whole, scratch, future)
             change = kernel.call(
                 "relax", w.count, w.start, w.pair, w.decay, len(w.coupling), w.coupling, w.linear, float(p), float(f),
-                scratch, later(w, whole, scratch), room, whole, subject="relaxations",
+                scratch, future, room, whole, subject="relaxations",
             )  # fmt: skip
             done += 1
     done, change = slots.comm.bcast((done, change))
