@@ -67,7 +67,7 @@ class ElasticPictures:
         self.bounds = _bounds(np.array([shape.corners for shape in shapes]))
         self.range = _colour_range(shapes)
         colliders: list[Collider] = []
-        if record["scene"].get("collider"):
+        if self.obstacles:
             colliders = recorded_colliders(record, folder, 2 if planar else 3)
         self.view = self._choose_view(record, planar, colliders, times, direction)
         margin = AROUND * np.ptp(self.bounds, axis=0).max()
@@ -112,10 +112,7 @@ class ElasticPictures:
         bounds[0, 2 if not planar else 1] -= 0.06 * np.ptp(bounds, axis=0).max()  # room for the colour bar
         if planar:
             return view_from(-90.0, 90.0 - 1e-6, bounds, np.eye(3)[2], aspect)
-        up = _up(record)
-        if direction is not None:
-            return view_from(*direction, bounds, up, aspect)
-        return choose_view(bounds, colliders, times, up, aspect)
+        return choose_view(bounds, colliders, times, _up(record), aspect, direction)
 
 
 def _bounds(corners: NDArray[Any]) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from .results import SOLID
 from .scenery import Scenery, Surface
 from .snow_summary import overall_bounds, picture, read_frame, stage
 from .solid_frames import RecordedSolid
-from .view import View, choose_view, view_from
+from .view import View, choose_view
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,7 +75,8 @@ class SnowPictures:
         self.bounds = overall_bounds(folder)
         self.view: View | None = None
         if self.seen.dimension == 3:
-            self.view = self._choose_view([time for time, _ in frames], direction)
+            times, aspect = [time for time, _ in frames], size[0] / size[1]
+            self.view = choose_view(self.bounds, self.seen.colliders, times, self.seen.up, aspect, direction)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -107,12 +108,6 @@ class SnowPictures:
             triangles = np.arange(3 * len(facets)).reshape(-1, 3)
             surfaces.append(Surface(facets.reshape(-1, 3), triangles, colour=RUBBER))
         return path_tracing.trace(cloud, self.optics, surfaces, self.view, self.size, self.samples, tell)
-
-    def _choose_view(self, times: Sequence[float], direction: tuple[float, float] | None) -> View:
-        aspect = self.size[0] / self.size[1]
-        if direction is not None:
-            return view_from(*direction, self.bounds, self.seen.up, aspect)
-        return choose_view(self.bounds, self.seen.colliders, times, self.seen.up, aspect)
 
 
 def write_volumes(

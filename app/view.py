@@ -31,7 +31,12 @@ class View:
 
 
 def choose_view(
-    bounds: NDArray[Any], colliders: Sequence[Collider], times: Sequence[float], up: NDArray[Any], aspect: float
+    bounds: NDArray[Any],
+    colliders: Sequence[Collider],
+    times: Sequence[float],
+    up: NDArray[Any],
+    aspect: float,
+    direction: tuple[float, float] | None = None,
 ) -> View:
     """Return a view of all between `bounds` (2, 3) [m] with the eye outside of every obstacle and nothing between.
 
@@ -41,7 +46,11 @@ def choose_view(
         At which nothing shall be between [s].
     aspect : float
         Width of the picture over its height.
+    direction : (float, float), optional
+        Azimuth and elevation [degrees], where they are not to be chosen.
     """
+    if direction is not None:
+        return view_from(*direction, bounds, up, aspect)
     views = [view_from(azimuth, ELEVATION, bounds, up, aspect) for azimuth in AZIMUTHS]
     for view in views:
         line = view.eye + np.linspace(0.0, 0.75, 60)[:, None] * (view.middle - view.eye)
