@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .geometry import BodyError, directed, fill, intersection, intersection_gradient, length, positive, unit, vector
-from .shapes import Solid
+from .geometry import BodyError, directed, fill, length, positive, unit, vector
+from .shapes import Extruded
 
 ROUND = 0.4  # radius of tips and of roots between teeth, of the smaller of depth and half the pitch
 
 
 @dataclass(frozen=True, init=False, eq=False)
-class Gear(Solid):
+class Gear(Extruded):
     """Gear with rounded teeth.
 
     The outline has a tangent everywhere: arcs round tips and roots, joined by straight flanks. It is its own mirror
@@ -85,25 +85,11 @@ class Gear(Solid):
             half = half + self.length / 2 * np.abs(self.frame[2])
         return self.center - half, self.center + half
 
-    def distance(self, x: NDArray) -> NDArray:
-        """φ (n,) [m] at points (n, D) [m]."""
-        local = (x - self.center) @ self.frame.T
-        return intersection(self._parts(local, self._outline(local[:, :2])[0]))
+    @property
+    def origin(self) -> NDArray:
+        return self.center
 
-    def normal(self, x: NDArray) -> NDArray:
-        """∇φ (n, D) at points (n, D) [m]."""
-        local = (x - self.center) @ self.frame.T
-        phi, flat = self._outline(local[:, :2])
-        gradients = np.zeros((len(x), x.shape[1] - 1, x.shape[1]))
-        gradients[:, 0, :2] = flat
-        if x.shape[1] == 3:
-            gradients[:, 1, 2] = np.where(local[:, 2] < 0, -1.0, 1.0)
-        return intersection_gradient(self._parts(local, phi), gradients) @ self.frame
-
-    def _parts(self, local: NDArray, phi: NDArray) -> NDArray:
-        return np.concatenate([phi[:, None], np.abs(local[:, 2:]) - self.length / 2], axis=1)
-
-    def _outline(self, x: NDArray) -> tuple[NDArray, NDArray]:
+    def outline(self, x: NDArray) -> tuple[NDArray, NDArray]:
         """φ (n,) and ∇φ (n, 2) at x (n, 2) in the plane of the teeth."""
         pitch = 2 * np.pi / self.teeth
         angle = np.arctan2(x[:, 1], x[:, 0])

@@ -174,8 +174,45 @@ class Cylinder(Solid):
         return np.stack([length(radial) - self.radius, np.abs(along) - self.length / 2], axis=1), along, radial
 
 
+class Extruded(Solid):
+    """An outline in the plane; in 3D what it sweeps along an axis, with flat ends.
+
+    `frame` has the axes of the plane as its first rows and, in 3D, the axis as its last one; `length` is along it.
+    """
+
+    frame: NDArray
+    length: float
+
+    @property
+    def origin(self) -> NDArray:
+        """(D,) [m] where the plane's coordinates, and those along the axis, are zero."""
+        raise NotImplementedError
+
+    def outline(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        """φ (n,) [m] and ∇φ (n, 2) of the outline at points (n, 2) [m] in its plane."""
+        raise NotImplementedError
+
+    def distance(self, x: NDArray) -> NDArray:
+        """φ (n,) [m] at points (n, D) [m]."""
+        local = (x - self.origin) @ self.frame.T
+        return intersection(self._parts(local, self.outline(local[:, :2])[0]))
+
+    def normal(self, x: NDArray) -> NDArray:
+        """∇φ (n, D) at points (n, D) [m]."""
+        local = (x - self.origin) @ self.frame.T
+        phi, flat = self.outline(local[:, :2])
+        gradients = np.zeros((len(x), x.shape[1] - 1, x.shape[1]))
+        gradients[:, 0, :2] = flat
+        if x.shape[1] == 3:
+            gradients[:, 1, 2] = np.where(local[:, 2] < 0, -1.0, 1.0)
+        return intersection_gradient(self._parts(local, phi), gradients) @ self.frame
+
+    def _parts(self, local: NDArray, phi: NDArray) -> NDArray:
+        return np.concatenate([phi[:, None], np.abs(local[:, 2:]) - self.length / 2], axis=1)
+
+
 @dataclass(frozen=True, init=False, eq=False)
-class Wedge(Solid):
+class Wedge(Extruded):
     """Triangle, in 3D triangular prism, which cuts upwards (figure 7.5).
 
     Parameters
@@ -227,21 +264,9 @@ class Wedge(Solid):
         half = np.abs(self.frame[2]) * self.length / 2 if len(self.apex) == 3 else 0.0
         return points.min(axis=0) - half, points.max(axis=0) + half
 
-    def distance(self, x: NDArray) -> NDArray:
-        """φ (n,) [m] at points (n, D) [m]."""
-        local = (x - self.apex) @ self.frame.T
-        return intersection(self._parts(local, convex_polygon(self.corners, local[:, :2])[0]))
+    @property
+    def origin(self) -> NDArray:
+        return self.apex
 
-    def normal(self, x: NDArray) -> NDArray:
-        """∇φ (n, D) at points (n, D) [m]."""
-        local = (x - self.apex) @ self.frame.T
-        phi, flat = convex_polygon(self.corners, local[:, :2])
-        gradients = np.zeros((len(x), x.shape[1] - 1, x.shape[1]))
-        gradients[:, 0, :2] = flat
-        if x.shape[1] == 3:
-            gradients[:, 1, 2] = np.where(local[:, 2] < 0, -1.0, 1.0)
-        return intersection_gradient(self._parts(local, phi), gradients) @ self.frame
-
-    def _parts(self, local: NDArray, phi: NDArray) -> NDArray:
-        ends = np.abs(local[:, 2:]) - self.length / 2
-        return np.concatenate([phi[:, None], ends], axis=1)
+    def outline(self, x: NDArray) -> tuple[NDArray, NDArray]:
+        return convex_polygon(self.corners, x)
