@@ -78,9 +78,7 @@ class Contact:
         self._time = 0.0
         self._event = event("contact")
         areas = _areas(space)
-        free = np.ones(len(space.positions) * d, dtype=bool)
-        free[held] = False
-        self._free = free.reshape(-1, d)[: len(areas)]
+        self._free = space.free(held)[: len(areas)]
         self._nodes = np.flatnonzero((areas > 0) & self._free.any(axis=1))
         self._free, self._areas = self._free[self._nodes], areas[self._nodes]
         self._dofs = (self._nodes[:, None] * d + np.arange(d)).astype(np.int32)

@@ -70,10 +70,8 @@ class MovingSurface:
         points, self.cells, _ = self._comm.bcast(problem.geometry())
         self.facets = boundary(points[:, :d], self.cells)
         self._nodes = space.nodes[: self._owned]
-        free = np.ones(len(space.nodes) * d, dtype=bool)
-        free[problem.constraints.dofs] = False
         rows = self._gather(self._times_mass(np.ones(self._equations.owned)))[:, 0]
-        self._held = self._gather((~free.reshape(-1, d)).astype(float)[: self._owned]) > 0
+        self._held = self._gather((~space.free(problem.constraints.dofs)).astype(float)[: self._owned]) > 0
         self.mass = np.where(self._held.all(axis=1), np.inf, rows)
         self._ksp = PETSc.KSP().create(problem.comm)
         self._ksp.setOptionsPrefix(PREFIX)

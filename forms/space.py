@@ -110,6 +110,12 @@ class Space:
         a, b = corners[:, pair[0]], corners[:, pair[1]]
         return np.minimum(a, b) * (1 << 31) + np.maximum(a, b)
 
+    def free(self, held: NDArray) -> NDArray:
+        """Which components of the local nodes are none of the degrees of freedom `held`, (local nodes, d) bool."""
+        out = np.ones(len(self.positions) * self.dimension, dtype=bool)
+        out[held] = False
+        return out.reshape(-1, self.dimension)
+
     def gather_nodes(self, function: fem.Function) -> NDArray | None:
         """Values at the nodes in canonical order, shape (nodes, components), on rank 0; None elsewhere."""
         block = function.function_space.dofmap.index_map_bs

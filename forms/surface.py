@@ -49,9 +49,7 @@ class Surface:
         listed = np.concatenate(self._comm.allgather(space.nodes[_facets(space)]))
         numbers = np.unique(listed)
         mine = np.flatnonzero(np.isin(space.nodes[: index_map.size_local], numbers))
-        free = np.ones(len(space.positions) * d, dtype=bool)
-        free[held] = False
-        free = free.reshape(-1, d)[mine]
+        free = space.free(held)[mine]
         first = index_map.local_range[0]
         told = self._comm.allgather((space.nodes[mine], space.positions[mine], first + mine, free))
         nodes, rest, rows, loose = (np.concatenate(part) for part in zip(*told))
