@@ -67,7 +67,6 @@ class CoupledProblem:
         self._longest = np.inf  # step that the body is thought to manage [s]
         mass = self.comm.allreduce(float(snow.particles.mass.sum()))
         self._weight = mass * np.array(gravity or (0.0,) * d)  # [N]
-        self._exchange.sweeps = 0
         self._start = self._momentum()
 
     @property

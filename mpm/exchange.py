@@ -64,7 +64,7 @@ class Exchange:
     """
 
     def __init__(self, comm: MPI.Comm, contact: Contact) -> None:
-        self._comm, self._contact = comm, contact
+        self._comm, self._contact, self.sweeps = comm, contact, 0
 
     def place(self, surface: Facets, velocity: NDArray, mass: NDArray, mobility: Mobility) -> None:
         """Take the body as it is at the end of the step.
